@@ -78,7 +78,7 @@ def test_there_are_at_most_as_many_settings_as_our_search_has_variants(tmp_path)
     assert read_settings(SOUND).most == most == 3
     third = '[settings.third]\nintegrator = "dop853"\ndop853_rtol = 1e-10\n'
     assert len(read_settings(saved(tmp_path, TEXT + third)).settings) == 3
-    with pytest.raises(SettingsFault, match=r"settings: 4 settings; there may be 3"):
+    with pytest.raises(SettingsFault, match=r"settings: 4 settings; at most 3 are allowed"):
         read_settings(saved(tmp_path, TEXT + third + third.replace("third", "fourth")))
 
 

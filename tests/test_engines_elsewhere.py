@@ -101,7 +101,7 @@ def test_a_driven_link_without_a_hinge_on_the_ground_is_refused(engine, library)
     (driver,) = mechanism.drivers
     assert adapter(engine).skip(mechanism, Choice()) is None
     refusal = adapter(engine).skip(replace(mechanism, drivers=(replace(driver, link=1),)), Choice())
-    assert refusal == f"{library} can prescribe single coordinates of the tree of joints, and the driven angle is a sum of them"
+    assert refusal == f"{library} can prescribe single coordinates of the tree of joints, but the driven angle is a sum of several"
 
 
 def refusal_of(engine, mechanism, *forces):

@@ -84,7 +84,7 @@ def test_errors_fall_by_the_order_of_the_method(integrator, order):
 def test_dead_centres_are_passed_in_another_coordinate(name, integrator):
     mechanism, times = with_dead_centres(name), np.linspace(0.0, 1.0, 7)
     model = ENGINE.build(mechanism, Choice(integrator=integrator, step=2e-4))
-    assert (model.open.min(axis=1) < 0.1).all()  # no coordinate is regular everywhere
+    assert (model.smallest_openings.min(axis=1) < 0.1).all()  # no coordinate is regular everywhere
     expected = by_kernel(mechanism, times)
     found = ran(ENGINE, mechanism, times, integrator=integrator, step=2e-4, tolerance=1e-11)
     assert "changed" in found.note

@@ -9,7 +9,7 @@ from typing import Any
 
 from gauss_bench.api.exchange import READING
 from gauss_bench.api.in_worker import answer_in_worker
-from gauss_bench.engines.mujoco.own_model import acts_beside_loops, settings_as_they_stand
+from gauss_bench.engines.mujoco.own_model import find_other_constraint, read_options
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.imports import FORMS, import_file
 from gauss_bench.exchange.own_model import read_own_linkage
@@ -73,7 +73,7 @@ def read_as_plain_data(file: str, close: list[str]) -> dict[str, Any]:
         imported = import_file(path, name, close)
         document, left_out = tomllib.loads(imported.text), imported.left_out
         return {"document": document, "kind": kind, "settings": {}, "key": 0, "left_out": left_out}
-    linkage, settings = read_own_linkage(path, name), settings_as_they_stand(str(path))
+    linkage, settings = read_own_linkage(path, name), read_options(str(path))
     left_out = tuple(linkage.flattened.remarks)
     return {"document": linkage.document, "kind": kind, "settings": settings, "key": linkage.key, "left_out": left_out}
 
@@ -84,7 +84,7 @@ def refuse_what_acts(file: OwnFile, until: float, worker: Worker) -> None:
     Raises:
         ExchangeError: a contact, joint limit or dry friction acts; the message names the element, and the time when it first acts.
     """
-    found = answer_in_worker(worker, acts_beside_loops, (str(file.path), file.key, until), ACTING, str(file.path))
+    found = answer_in_worker(worker, find_other_constraint, (str(file.path), file.key, until), ACTING, str(file.path))
     if found["what"]:
         raise ExchangeError(
             f"{file.path}: {found['what']} at t = {found['at']:.4g} s, which no linkage has: its motion cannot be judged"

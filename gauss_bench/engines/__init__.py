@@ -48,7 +48,7 @@ ELSEWHERE = {  # adapters of this package whose library needs an environment of 
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
 OWN_CLASS, COMPILED_CLASS = "gauss_bench.engines.interpreted:Interpreted", "gauss_bench.engines.compiled:Compiled"
-SAFE = (*OWN, *COMPILED, *DERIVED, *FOREIGN, *RIVALS)  # adapters of this package: importing one imports no foreign library
+SAFE = (*OWN, *COMPILED, *DERIVED, *FOREIGN, *RIVALS)  # the import of these adapters imports no foreign library
 AUTHORED = (*OWN, *COMPILED, *DERIVED, "by_hand")  # written by the suite's authors: a comparison with others must say so
 
 EXTRAS = {  # library -> the extra of the package that brings it
@@ -84,6 +84,7 @@ class Environment:
     """A Python environment in which one engine runs.
 
     Attributes:
+        engine: name of the engine.
         class_name: MODULE:CLASS of the engine's adapter.
         python: path of the environment's Python interpreter.
         memory: limit [bytes] of the memory of a process; 0 stands for the usual limit.
@@ -118,7 +119,7 @@ def environment_of(name: str) -> Environment | None:
 
 
 def get(name: str) -> Engine:
-    """Return a new instance of an engine, given its name or the MODULE:CLASS of its adapter.
+    """Return a new `Engine`, given its name or the MODULE:CLASS of its adapter.
 
     Raises:
         UnknownEngine: no engine has that name.
@@ -126,10 +127,10 @@ def get(name: str) -> Engine:
     """
     if name in (*OWN, *COMPILED):
         return resolve_name(OWN_CLASS if name in OWN else COMPILED_CLASS)(name)  # type: ignore[no-any-return]
-    registered = {**DERIVED, **FOREIGN, **RIVALS}
     environment = environment_of(name)  # its class can be imported only by a process of that environment
-    if environment or name in registered or is_class(name):
-        return resolve_name(environment.class_name if environment else registered.get(name, name))()  # type: ignore[no-any-return]
+    class_name = environment.class_name if environment else {**DERIVED, **FOREIGN, **RIVALS}.get(name)
+    if class_name or is_class(name):
+        return resolve_name(class_name or name)()  # type: ignore[no-any-return]
     for point in _plug_ins():
         if point.name == name:
             return point.load()()  # type: ignore[no-any-return]
@@ -144,8 +145,8 @@ def unknown(name: str) -> UnknownEngine:
 
 
 def _plug_ins() -> Iterable[Any]:
-    """Return the entry points by which installed packages offer engines."""
-    from importlib.metadata import entry_points  # imported late: it takes time that most processes can save
+    """Return the entry points of all installed packages that contribute engines; each has a name and loads an adapter's class."""
+    from importlib.metadata import entry_points  # imported late: the import takes time, and most processes do not need it
 
     return entry_points(group="gauss_bench.engines")
 
@@ -159,8 +160,8 @@ def not_installed(error: ImportError) -> str:
     if isinstance(error, MissingExtra):
         return str(error)
     library = (error.name or "").partition(".")[0]
-    how = f"; pip install 'gauss-bench[{EXTRAS[library]}]'" if library in EXTRAS else ""
-    return f"not installed: {error}{how}"
+    command = f"; pip install 'gauss-bench[{EXTRAS[library]}]'" if library in EXTRAS else ""
+    return f"not installed: {error}{command}"
 
 
 def require(library: str) -> None:
@@ -171,30 +172,37 @@ def require(library: str) -> None:
 
 def file_of_engines() -> Path:
     """Return the path of the user's file of engines; the file need not exist."""
-    if named := os.environ.get(FILE):
-        return Path(named)
-    base = os.environ.get("XDG_CONFIG_HOME", "")
-    home = Path(base) if os.path.isabs(base) else Path.home() / ".config"
-    return home / "gauss-bench" / "engines.toml"
+    if path := os.environ.get(FILE):
+        return Path(path)
+    return _user_folder("XDG_CONFIG_HOME", ".config") / "engines.toml"
 
 
 def home() -> Path:
     """Return the folder of all environments that `gauss-bench engines install` makes; it need not exist."""
-    base = os.environ.get("XDG_DATA_HOME", "")
-    data = Path(base) if os.path.isabs(base) else Path.home() / ".local" / "share"
-    return data / "gauss-bench" / "engines"
+    return _user_folder("XDG_DATA_HOME", ".local/share") / "engines"
+
+
+def _user_folder(variable: str, default: str) -> Path:
+    """Return this package's folder in the folder that an environment variable of the XDG specification names.
+
+    Without an absolute path in the variable, it is in the folder `default` of the user's home.
+    """
+    chosen = os.environ.get(variable, "")
+    return (Path(chosen) if os.path.isabs(chosen) else Path.home() / default) / "gauss-bench"
 
 
 def interpreter_in(folder: Path) -> Path:
+    """Return the path of the Python interpreter of an environment, given the environment's folder."""
     return folder / "bin" / "python"
 
 
 def is_ours(folder: Path) -> bool:
+    """Tell whether gauss-bench made a folder, which it may then replace or remove; a link to such a folder does not count."""
     return not folder.is_symlink() and (folder / MADE).is_file()
 
 
 def read_environments() -> dict[str, Environment]:
-    """Return engine -> environment: first in the order of the user's file of engines, then the installed engines not named there.
+    """Return name of an engine -> environment, for the user's file of engines, and then for the other installed engines.
 
     Raises:
         EnvironmentFault: the file has a fault.
@@ -207,39 +215,39 @@ def read_environments() -> dict[str, Environment]:
         tables = {}
     except ValueError as error:
         raise EnvironmentFault(f"{path}: {error}") from error
-    if taken := next((x for x in tables if x in SAFE), None):
-        raise EnvironmentFault(f"{path}: {taken}: is an engine of this package; take another name")
+    if taken := [name for name in tables if name in SAFE]:
+        raise EnvironmentFault(f"{path}: {taken[0]}: is an engine of this package; take another name")
     tables |= {name: {} for name in ELSEWHERE if name not in tables and is_ours(home() / name)}
     environments = {name: _read_table(path, name, table) for name, table in tables.items()}
     return {name: x for name, x in environments.items() if not _is_removed(x)}
 
 
 def _is_removed(environment: Environment) -> bool:
-    """Tell whether an engine is one that was installed and removed; the user's file may still have a table of it."""
+    """Tell whether gauss-bench installed an engine and removed it; the user's file may still have a table of it."""
     folder = home() / environment.engine
     return environment.engine in ELSEWHERE and environment.python == str(interpreter_in(folder)) and not folder.exists()
 
 
 def _read_table(path: Path, name: str, table: Any) -> Environment:
-    """Return the environment that the table `name` of the file at `path` describes."""
+    """Return the environment that the table `name` of the file at `path` describes; an EnvironmentFault if it has a fault."""
 
-    def require(good: bool, place: str, otherwise: str) -> None:
-        if not good:
-            raise EnvironmentFault(f"{path}: {place}: {otherwise}")
+    def check(condition: bool, place: str, fault: str) -> None:
+        if not condition:
+            raise EnvironmentFault(f"{path}: {place}: {fault}")
 
-    require(isinstance(table, dict), name, "must be a table with class and python")
+    check(isinstance(table, dict), name, "must be a table with class and python")
     is_name = name.replace("_", "").replace("-", "").replace(".", "").isalnum()
-    require(is_name, name, "an engine's name has letters, digits and - _ . alone")
+    check(is_name, name, "an engine's name has letters, digits and - _ . alone")
     for key, value in table.items():
-        require(key in KEYS, f"{name}.{key}", f"no such key; there are {', '.join(KEYS)}")
-        is_right = isinstance(value, KEYS[key]) and not isinstance(value, bool)  # Python's bool is an int
-        require(is_right, f"{name}.{key}", "must be a number" if key == "memory" else "must be a text")
+        check(key in KEYS, f"{name}.{key}", f"no such key; there are {', '.join(KEYS)}")
+        has_type = isinstance(value, KEYS[key]) and not isinstance(value, bool)  # Python's bool is an int
+        check(has_type, f"{name}.{key}", "must be a number" if key == "memory" else "must be a text")
     class_name = table.get("class", ELSEWHERE.get(name, ""))
-    require(is_class(class_name), f"{name}.class", "must be MODULE:CLASS")
-    installed = str(interpreter_in(home() / name)) if name in ELSEWHERE else ""
+    check(is_class(class_name), f"{name}.class", "must be MODULE:CLASS")
+    installed = str(interpreter_in(home() / name)) if name in ELSEWHERE else ""  # the default
     python = os.path.expanduser(table.get("python", installed))
-    require(os.path.isabs(python) and "\0" not in python, f"{name}.python", "must be the absolute path of an interpreter")
+    check(os.path.isabs(python) and "\0" not in python, f"{name}.python", "must be the absolute path of an interpreter")
     memory = float(table.get("memory", 0.0))
     in_range = memory == 0.0 or LEAST <= memory <= MOST
-    require(in_range, f"{name}.memory", f"must be {LEAST:g} to {MOST:g} GiB, not {memory:g}")
+    check(in_range, f"{name}.memory", f"must be {LEAST:g} to {MOST:g} GiB, not {memory:g}")
     return Environment(name, class_name, python, int(memory * 2**30))

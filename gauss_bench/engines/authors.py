@@ -112,39 +112,38 @@ def candidates_of(engine: str, files: Sequence[str | Path] = ()) -> list[Variant
         OSError: a file cannot be read.
     """
     own = ROOMS / engine / FILE
-    known: dict[tuple[str, str, str], Variant] = {}
-    for path in (*([own] if own.is_file() else []), *files):
+    candidates: dict[tuple[str, str, str], Variant] = {}
+    for path in [own, *files] if own.is_file() else files:
         file = read_settings(Path(path))
-        if file.engine != engine:
-            continue
-        for x in file.settings.values():
-            chosen = x.settings, x.integrator, x.stabilization
-            known.setdefault(chosen, Variant(*chosen, x.options, file.authors))
-    return [*known.values()]
+        if file.engine == engine:
+            for x in file.settings.values():
+                key = x.settings, x.integrator, x.stabilization
+                candidates.setdefault(key, Variant(*key, x.options, file.authors))
+    return [*candidates.values()]
 
 
 def _read(file: Line) -> CheckedSettings:
-    """Check a parsed file table by table, and return its content."""
+    """Check a parsed file table by table, and return its content; a VariantError or SettingsFault if it has a fault."""
     for key in file:
         require(key in FIELDS, key, f"no such field; there are {', '.join(FIELDS)}")
     require(file.get("format") == FORMAT, "format", f"must be {FORMAT!r}")
     authors, contact = (_read_text(file, key, key) for key in ("authors", "contact"))
-    require(contact.startswith("https://") or "@" in contact, "contact", "must be an address: https://... or of e-mail")
-    written = file.get("date")
-    if not isinstance(written, date) or isinstance(written, datetime):  # a datetime is a date too
+    require(contact.startswith("https://") or "@" in contact, "contact", "must be an address: https://... or an e-mail address")
+    day = file.get("date")
+    if not isinstance(day, date) or isinstance(day, datetime):  # Python's datetime is a date
         raise SettingsFault("date: must be a date, as in date = 2026-11-26")
-    # time zones: the authors' date may be a day ahead of the date here
-    require(written <= date.today() + timedelta(days=1), "date", f"{written} has not come yet")
+    # the authors' time zone may be a day ahead
+    require(day <= date.today() + timedelta(days=1), "date", f"{day} has not come yet")
     name = _read_text(file, "engine", "engine")
-    there = sorted(x.parent.name for x in ROOMS.glob(f"*/{VARIANTS_FILE}"))
-    require(name in there, "engine", f"{name!r} has no {VARIANTS_FILE}; the engines that have one are {', '.join(there)}")
+    engines = sorted(path.parent.name for path in ROOMS.glob(f"*/{VARIANTS_FILE}"))
+    require(name in engines, "engine", f"{name!r} has no {VARIANTS_FILE}; the engines that have one are {', '.join(engines)}")
     engine = resolve_name(ELSEWHERE[name])() if name in ELSEWHERE else get(name)  # the library need not be installed
     variants = read_variants(ROOMS / name)
     knobs = {key: _read_source(f"knobs.{key}", line) for key, line in read_tables(file, "knobs").items()}
     for key in knobs:
         require(key in variants.knobs, f"knobs.{key}", f"{name} has no such knob; it has {', '.join(variants.knobs)}")
     lines, most = read_tables(file, "settings"), len(variants.space)
-    allowed = f"there may be {most}, as many as the search has variants of {name}"
+    allowed = f"at most {most} are allowed, because the search has {most} variants of {name}"
     require(len(lines) <= most, "settings", f"{len(lines)} settings; {allowed}")
     settings = {key: _read_setting(f"settings.{key}", line, engine, variants) for key, line in lines.items()}
     for key, line in lines.items():
@@ -152,30 +151,31 @@ def _read(file: Line) -> CheckedSettings:
             require(knob in (BASE, *knobs), f"settings.{key}.{knob}", f"has no source: there is no table knobs.{knob}")
     for key in knobs:
         require(any(key in line for line in lines.values()), f"knobs.{key}", "no setting names it")
-    return CheckedSettings(name, authors, contact, str(written), most, knobs, settings)
+    return CheckedSettings(name, authors, contact, str(day), most, knobs, settings)
 
 
 def _read_setting(place: str, line: Line, engine: Any, variants: Variants) -> CheckedSetting:
-    """Check one table [settings.NAME], called `place` in messages, and return the setting with the values of all knobs."""
+    """Check one table [settings.NAME], called `place` in messages; return the setting, with a value of every knob of the engine."""
     base = line.get(BASE, next(iter(variants.settings)))
     require(base in variants.settings, f"{place}.{BASE}", f"no settings {base!r}; there are {', '.join(variants.settings)}")
     offered = engine.integrators
-    named = "integrator" in line or len(offered) == 1
-    require(named, f"{place}.integrator", f"is missing; {engine.name} has {', '.join(offered)}")
+    is_known = "integrator" in line or len(offered) == 1
+    require(is_known, f"{place}.integrator", f"is missing; {engine.name} has {', '.join(offered)}")
     chosen = {"integrator": line.get("integrator", offered[0]), "stabilization": line.get("stabilization", "none")}
     for key, available in (("integrator", offered), ("stabilization", engine.stabilizations)):
         require(chosen[key] in available, f"{place}.{key}", f"no {key} {chosen[key]!r}; there are {', '.join(available)}")
+    knob_values = {key: value for key, value in line.items() if key not in (BASE, *CHOSEN)}
     changes = {}
-    for key in (x for x in line if x not in (BASE, *CHOSEN)):
+    for key, value in knob_values.items():
         require(key in variants.knobs, f"{place}.{key}", f"{engine.name} has no such knob; it has {', '.join(variants.knobs)}")
         try:
-            changes[key] = variants.table.check_value(key, line[key], repr(line[key]))
+            changes[key] = variants.table.check_value(key, value, repr(value))
         except OptionError as error:
             raise SettingsFault(f"{place}.{key}: {error}") from error
         least, most = variants.knobs[key].range
         in_range = variants.knobs[key].allows(changes[key])
-        require(in_range, f"{place}.{key}", f"must be in the range {least:g} to {most:g}, not {line[key]!r}")
-    require(bool(changes), place, "changes no knob, so that it is a setting of the suite already")
+        require(in_range, f"{place}.{key}", f"must be in the range {least:g} to {most:g}, not {value!r}")
+    require(bool(changes), place, "changes no knob, so it equals a setting of the suite")
     text = write_options(base, changes)
     return CheckedSetting(text, **chosen, options=dict(variants.options(text)))
 
@@ -193,6 +193,6 @@ def _read_source(place: str, line: Line) -> str:
 def _read_text(line: Line, key: str, place: str) -> str:
     """Return the field `key`, named `place` in messages: printable, in one line, 1 to LONGEST characters; else a VariantError."""
     text = line.get(key)
-    good = isinstance(text, str) and len(text.strip()) > 0 and len(text) <= LONGEST and harmless(text) == text and "\n" not in text
-    require(good, place, f"must be a text of 1 to {LONGEST} characters in one line")
+    valid = isinstance(text, str) and harmless(text) == text and "\n" not in text and text.strip() != "" and len(text) <= LONGEST
+    require(valid, place, f"must be a text of 1 to {LONGEST} characters in one line")
     return str(text).strip()

@@ -55,7 +55,7 @@ THREE_CRANKS = (  # a beam on three equal cranks, of which one is redundant, and
     Bar("pendulum", 2, 1.0, 1.0, 0.5, 1.0, 0.1),
     Bar("right", -1, 2.0, 1.0, 0.5, 1.0, 0.1),
 )
-RATIO, CURVE = -0.5, 0.2  # if the first bar of CHAIN is at the angle x, the second is at RATIO x + CURVE x^2 against the first
+RATIO, CURVE = -0.5, 0.2  # a coupling of CHAIN: if the first bar's angle is x, the second's relative to it is RATIO x + CURVE x^2
 
 
 def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array, bars: Sequence[Bar]) -> Array:
@@ -67,11 +67,12 @@ def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array
         solve: function of the bars' angles and angular speeds (bars,), each relative to the parent's; it returns the angular
             accelerations (bars,), also relative to the parent's.
     """
-    tree, rod = tree_of(bars), slice(3, 6)
-    with_twin = (np.hstack([x, x[:, rod]]) if bars[-1].name == "twin" else x for x in (q, v))
-    y, dy = tree.relative(*with_twin)
+    tree, n = tree_of(bars), q.shape[1]
+    if bars[-1].name == "twin":  # it has the state of the rod, which is the second bar
+        q, v = (np.hstack([x, x[:, 3:6]]) for x in (q, v))
+    y, dy = tree.relative(q, v)
     ddy = np.array([solve(*state) for state in zip(y, dy, strict=True)])
-    return tree.absolute(y, dy, ddy).a[:, : q.shape[1]]
+    return tree.absolute(y, dy, ddy).a[:, :n]
 
 
 def tree_of(bars: Sequence[Bar]) -> Tree:
@@ -79,6 +80,7 @@ def tree_of(bars: Sequence[Bar]) -> Tree:
     branches, zero = [], np.zeros(2)
     for k, bar in enumerate(bars):
         centre = bars[bar.parent].centre if bar.parent != GROUND else 0.0
+        # the first pin, seen from the parent's centre of mass and from the bar's own
         near, far = np.array([bar.at - centre, 0.0]), np.array([-bar.centre, 0.0])
         branches.append(Branch(k, bar.parent, "revolute", None, k, near, far, base=zero, axis=zero, turn=0.0))
     return Tree(tuple(branches), (), len(bars), len(bars))

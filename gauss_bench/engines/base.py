@@ -59,7 +59,7 @@ class Variant:
 
 
 def sample_arrays(times: Array, *start: Array) -> list[Array]:
-    """Return an array (k, n) for each value (n,) at the start; its first row is that value, and the others are NaN."""
+    """Return an array (k, n) of samples for each start value (n,): the first row is the start value, and all others are NaN."""
     arrays = [np.full((len(times), len(value)), np.nan) for value in start]
     for samples, value in zip(arrays, start, strict=True):
         samples[0] = value
@@ -238,7 +238,7 @@ class ModelDefaults:
         Raises:
             RunFailure: the engine does not provide these two functions.
         """
-        raise RunFailure(Status.SKIP, "the engine has no bare call of its library")
+        raise RunFailure(Status.SKIP, "the engine cannot call its library alone")
 
     def batch(self, q: Array, v: Array, steps: int) -> Callable[[], Array]:
         """Return a function that takes `steps` steps from each of the states q, v (k, n), all in one call.
@@ -248,7 +248,7 @@ class ModelDefaults:
         Raises:
             RunFailure: the engine cannot step many trajectories in one call.
         """
-        raise RunFailure(Status.SKIP, "the engine has no steps of many trajectories at once")
+        raise RunFailure(Status.SKIP, "the engine cannot step many trajectories in one call")
 
 
 # name of an optional member -> the class that has its default

@@ -1,11 +1,11 @@
-"""Engines in C: a compiler, fixed-step integrators that call an acceleration, and the compiled code of both.
+"""Compile an engine's acceleration in C together with fixed-step integrators.
 
 The engine's C source defines, with q, v and a of N numbers,
 
     static void acceleration(double t, const double *q, const double *v, double *a)
 
-This function is compiled in one file with the integrators, whose methods are those of `integrate/fixed_step.py`, so that the
-compiler may inline it. The compiler's flag -ffast-math lets it reorder sums; a programmer who writes C for speed would use it.
+This function is compiled in one file with the integrators, so that the compiler may inline it. The integrators have the methods of
+`integrate/fixed_step.py`. The compiler's flag -ffast-math lets it reorder sums; a programmer who writes C for speed would use it.
 """
 
 import ctypes
@@ -33,11 +33,14 @@ METHODS = ("rk4", "dop853_fixed")
 
 def compiler() -> str | None:
     """Return the path of a C compiler, or None if there is none."""
-    return next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
+    return shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 
 def write_steps(name: str) -> str:
-    """Write the C function of a Runge-Kutta method, without terms whose coefficient is zero."""
+    """Write the C function of a Runge-Kutta method with the coefficients A, b, c, without terms whose coefficient is zero.
+
+    Stage k evaluates x = q + h sum_j A_kj v_j, v_k = v + h sum_j A_kj a_j and a_k = acceleration(t + c_k h, x, v_k).
+    """
     nodes, rows, weights = tableau(name)
     stages = ", ".join(f"v{k}[N], a{k}[N]" for k in range(len(weights)))
     lines = [
@@ -48,8 +51,9 @@ def write_steps(name: str) -> str:
         f"    double x[N], {stages};",
     ]
     for k, (node, row) in enumerate(zip(nodes, rows, strict=True)):
-        move, turn = _write_sum(row, "v"), _write_sum(row, "a")
-        lines.append(f"    for (int i = 0; i < N; i++) {{ x[i] = q[i] + h * ({move}); v{k}[i] = v[i] + h * ({turn}); }}")
+        velocity, acceleration = _write_sum(row, "v"), _write_sum(row, "a")
+        stage = f"x[i] = q[i] + h * ({velocity}); v{k}[i] = v[i] + h * ({acceleration});"
+        lines.append(f"    for (int i = 0; i < N; i++) {{ {stage} }}")
         lines.append(f"    acceleration(at + {node!r} * h, x, v{k}, a{k});")
     end = f"q[i] += h * ({_write_sum(weights, 'v')}); v[i] += h * ({_write_sum(weights, 'a')});"
     lines += [f"    for (int i = 0; i < N; i++) {{ {end} }}", "    }", "}", ""]
@@ -71,25 +75,26 @@ class Code:
             RunFailure: there is no compiler, or it rejects the source.
         """
         self.n = n
-        self.library = _library("\n".join([f"#define N {n}", acceleration, ACCELERATE, *map(write_steps, METHODS)]))
+        self.library = _load_library("\n".join([f"#define N {n}", acceleration, ACCELERATE, *map(write_steps, METHODS)]))
         # Without these types ctypes passes an address as an int of 32 bits, and refuses a float.
         self.library.accelerate.argtypes = [ctypes.c_double, *[ctypes.c_void_p] * 3]
         for method in METHODS:
-            numbers = ctypes.c_double, ctypes.c_double, ctypes.c_long
-            getattr(self.library, method).argtypes = [ctypes.c_void_p, ctypes.c_void_p, *numbers]
+            getattr(self.library, method).argtypes = [*[ctypes.c_void_p] * 2, *[ctypes.c_double] * 2, ctypes.c_long]
 
     def step(self, integrator: str, q: Array, v: Array, t: float, h: float, count: int) -> None:
-        """Take `count` steps of h [s] in place; q, v (n,) contiguous."""
+        """Take `count` steps of h [s] from time t [s], and overwrite q, v (n,), which must be contiguous."""
         getattr(self.library, integrator)(q.ctypes.data, v.ctypes.data, t, h, count)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the acceleration (n,) at time t [s] and coordinates and rates q, v (n,)."""
         a, q, v = np.empty(self.n), np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
         self.library.accelerate(t, q.ctypes.data, v.ctypes.data, a.ctypes.data)
         return a
 
 
 @lru_cache(maxsize=64)
-def _library(source: str) -> ctypes.CDLL:
+def _load_library(source: str) -> ctypes.CDLL:
+    """Compile a C source to a shared library, and load it into this process; a RunFailure if that is impossible."""
     program = compiler()
     if program is None:
         raise RunFailure(Status.SKIP, NO_COMPILER)
@@ -97,7 +102,7 @@ def _library(source: str) -> ctypes.CDLL:
         text, compiled, linked = f"{folder}/engine.c", f"{folder}/engine.o", f"{folder}/engine.so"
         Path(text).write_text(source)
         compiling = [program, *FLAGS, "-c", text, "-o", compiled]
-        # Linked in a second step without -ffast-math, which would change rounding in the whole process.
+        # A library that is linked with -ffast-math makes the processor flush tiny numbers to zero, in the whole process.
         linking = [program, "-shared", compiled, "-o", linked, "-lm"]
         for command in (compiling, linking):
             done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False)
@@ -116,6 +121,7 @@ class CompiledSteps:
         start: coordinates and rates (n,) at the beginning.
         advance: function that takes `count` steps of h [s] from x, dx (n,) at time t [s].
         note: the note of every trajectory.
+        plan: for each interval between samples the number of steps and their size [s].
     """
 
     choice: Choice
@@ -132,13 +138,14 @@ class CompiledSteps:
         self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
+        """Take the steps of every interval between samples in place, in a copy of the sample at the beginning of the interval."""
         for k, (count, h) in enumerate(self.plan):
             self.x[k + 1], self.dx[k + 1] = self.x[k], self.dx[k]
             self.advance(self.x[k + 1], self.dx[k + 1], float(self.times[k]), h, count)
 
     def read(self) -> Trajectory:
-        """Return the samples, converted to absolute coordinates; all samples after the first one that is not finite are NaN."""
-        reached = slice(finite(self.x, self.dx))
+        """Return the samples in absolute coordinates; from the first sample that is not finite on, all are NaN."""
+        reached = slice(finite(self.x, self.dx))  # the samples before that one
         motion = np.array(self.motion(self.times[reached], self.x[reached], self.dx[reached]))  # (3, reached, n_q)
         q, v, a = np.full((3, len(self.times), motion.shape[2]), np.nan)
         q[reached], v[reached], a[reached] = motion

@@ -1,6 +1,6 @@
-"""The suite's own formulations as native code, generated from the mechanism that the interpreted engines evaluate.
+"""The suite's own formulations as machine code, generated for one mechanism.
 
-One code generator eliminates Gauss's and Lagrange's equations, so that the two engines differ in the formulation alone.
+One code generator solves the equations of both formulations by elimination, so the two engines differ in the formulation alone.
 """
 
 from collections.abc import Callable
@@ -58,7 +58,7 @@ class Compiled:
         return ""
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        return "dry friction has no kernel: its loads are found by iteration" if mechanism.has_friction else None
+        return "dry friction is not compiled, because its forces are found by iteration" if mechanism.has_friction else None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "CompiledModel":
         compiler_version()  # raises if llvmlite is missing
@@ -84,30 +84,30 @@ class CompiledModel:
         return self.kernel.acceleration(q, v, t)
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Compile the integrator, reset to the start, and divide the times (k,) [s] into parts with equal steps."""
         self.kernel.prepare(self.choice.integrator)  # compiles here, so that no timed run compiles
         self.times, self.native = times, native
-        # switches: changes of the independent coordinates; fallbacks: steps at which none were usable, so that the rank of the
+        # switches: changes of the independent coordinates; fallbacks: steps at which none were usable, so the rank of the
         # constraints was decided numerically
         self.steps = self.evaluations = self.switches = self.fallbacks = 0
-        self.parts = equal_runs(times, self.choice.step)
-        # if a force jumps within a step of a part, the kernel divides this step, and the part into legs of equal steps
-        legs = (self.kernel.legs(float(times[part.row]), part.size, part.steps * part.samples) for part in self.parts)
-        self.planned = sum(leg.n for of_part in legs for leg in of_part)  # number of steps of the run
+        self.parts, self.planned = equal_runs(times, self.choice.step), 0  # planned: number of steps of a run
+        for part in self.parts:
+            # if a force jumps within a step, the kernel divides this step, so a part becomes several legs of equal steps
+            legs = self.kernel.legs(float(times[part.row]), part.size, part.steps * part.samples)
+            self.planned += sum(leg.n for leg in legs)
         self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
 
     def run(self) -> None:
         if self.choice.integrator != ADAPTIVE:
             self._run_fixed()
-            return
-        if not self.times[-1] > self.times[0]:
-            return
-        tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
-        motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
-        self.q, self.v, self.steps, self.evaluations = motion.q, motion.v, motion.steps, motion.evaluations
-        self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks
+        elif self.times[-1] > self.times[0]:
+            tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
+            motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
+            self.q, self.v, self.steps, self.evaluations = motion.q, motion.v, motion.steps, motion.evaluations
+            self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks
 
     def _run_fixed(self) -> None:
-        """Take fixed steps; one call of the native loop covers consecutive sample intervals with equal size and number of steps."""
+        """Take fixed steps; the native loop takes all steps of a part in one call: `intervals` times `count` steps of h [s]."""
         for row, count, h, intervals in self.parts:
             q, v, t = self.q[row], self.v[row], float(self.times[row])
             if self.native and intervals == 1:
@@ -136,7 +136,7 @@ class CompiledModel:
         return samples
 
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
-        """Return a call that takes `count` steps from states q, v (k, n) or (n,), and returns the last positions."""
+        """Return a function that takes `count` steps from states q, v (k, n) or (n,), and returns the last positions."""
         return lambda: np.asarray(self.kernel.rollout(q, v, self.choice.step, count, integrator=self.choice.integrator)[0])
 
     def read(self) -> Trajectory:
@@ -145,5 +145,5 @@ class CompiledModel:
         a[reached] = self.kernel.acceleration(self.q[reached], self.v[reached], self.times[reached])
         note = ""
         if self.switches or self.fallbacks:
-            note = f"partition changed {self.switches} times, {self.fallbacks} steps by rank decision"
+            note = f"independent coordinates changed {self.switches} times; rank decided numerically in {self.fallbacks} steps"
         return Trajectory(self.times, self.q, self.v, a, self.steps, self.evaluations, note)

@@ -21,7 +21,7 @@ from gauss_bench.terms import Array
 
 
 def on_one_joint(load: OnJoints) -> bool:
-    """Tell whether a spring or damper acts on at most one tree coordinate."""
+    """Tell whether a spring or damper acts on one tree coordinate (or on none), not on a sum of several."""
     return int(np.count_nonzero(load.row)) <= 1
 
 
@@ -43,8 +43,9 @@ class GivenForces:
         # springs and dampers are elements of the library (`own`), or are summed in `stiffness`, `damping` and `constant`.
         on_links = {x.name for x in loads if isinstance(x, OtherLoad)}
         on_joints = [x for x in loads if isinstance(x, OnJoints) and x.name not in on_links]
-        # the spring and the damper of a load, each for itself
-        springs = [x for load in on_joints for x in (replace(load, c=0.0), replace(load, k=0.0)) if x.k or x.c]
+        springs: list[OnJoints] = []
+        for load in on_joints:  # split: the library may have an element for the spring of a load and none for its damper
+            springs += [x for x in (replace(load, c=0.0), replace(load, k=0.0)) if x.k or x.c]
         self.tree, self.own = tree, [x for x in springs if is_own(x)]
         self.constant, self.stiffness, self.damping = np.zeros(tree.n), np.zeros((tree.n, tree.n)), np.zeros((tree.n, tree.n))
         for load in loads:
@@ -73,7 +74,7 @@ class GivenForces:
         return np.asarray(self.constant - self.stiffness @ y - self.damping @ dy)
 
     def on_links(self, t: float, y: Array, dy: Array) -> Array | None:
-        """Return the forces and torques (3 links,) of `others` on the links' centres of mass at t [s], y, dy (n,), or None."""
+        """Return the forces and torques (3 links,) of `others` at the links' centres of mass, at t [s], y, dy (n,); else None."""
         if self.others is None:
             return None
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))

@@ -1,9 +1,9 @@
 """Install and remove the Python environments of engines whose libraries need one of their own (the engines of ELSEWHERE).
 
-venv and pip make an environment, with the hashes of the engine's `requirements.txt`, in a hidden folder. When pip has succeeded,
-this folder gets the name of the engine, by which `read_environments` finds it. An installation that fails or is interrupted leaves
-nothing behind. One that is killed leaves its hidden folder behind, which the next call of this module removes. Apart from hidden
-folders, a folder is removed only if it contains the file MADE.
+venv makes an environment in a hidden folder, and pip installs the packages of the engine's `requirements.txt`, whose hashes it
+checks. Then the folder is renamed to the name of the engine, by which `read_environments` finds it. An installation that fails or
+is interrupted leaves nothing behind. One that is killed leaves its hidden folder behind, which the next call of this module
+removes. Apart from hidden folders, a folder is removed only if it contains the file MADE.
 """
 
 import contextlib
@@ -36,7 +36,7 @@ class InstallationFault(BadInput):
 
 @dataclass(frozen=True)
 class Offered:
-    """The content of an engine's file `environment.toml`.
+    """The content of an engine's file `environment.toml`, which users read before an installation.
 
     Attributes:
         library: name and version of the library.
@@ -118,12 +118,12 @@ def make_environment(place: Path, fill: Callable[[Path], object], told: Told, qu
 
 
 def remove(name: str) -> None:
-    """Remove an environment that `install` made; else raise an InstallationFault."""
-    read_offered(name)
+    """Remove an environment that `install` made; an InstallationFault if there is none."""
+    read_offered(name)  # raises an UnknownEngine if the engine cannot be installed
     place = home() / name
     if not is_ours(place):
         listed = read_environments().get(name)
-        where = f"; its environment is named in {file_of_engines()}, from which you can take it" if listed else ""
+        where = f"; its environment is listed in {file_of_engines()}, where you can remove its table" if listed else ""
         raise InstallationFault(f"{name} was not installed by `gauss-bench engines install`{where}")
     with hold(home()):
         _delete(place)
@@ -167,25 +167,25 @@ def _make_hidden(place: Path) -> Path:
 
 
 def _delete(place: Path) -> None:
-    """Delete an environment by way of a hidden folder; if that is interrupted, the next call of `hold` deletes the rest."""
-    doomed = _make_hidden(place)
-    place.rename(doomed / place.name)
-    shutil.rmtree(doomed)
+    """Move an environment into a hidden folder, and delete this; if interrupted, the next call of `hold` deletes the rest."""
+    hidden = _make_hidden(place)
+    place.rename(hidden / place.name)
+    shutil.rmtree(hidden)
 
 
 def require_free(name: str) -> None:
-    """Check that an engine is not installed yet, and that the user has neither a table nor a folder of that name."""
+    """Raise an InstallationFault if an engine is installed, or if its name is taken by a table or folder of the user."""
     place = home() / name
     if is_installed_here(name):
         raise InstallationFault(f"{name} is installed, in {place}; `gauss-bench engines remove {name}` removes it")
     if listed := read_environments().get(name):
-        raise InstallationFault(f"{file_of_engines()} names an environment of {name} already, {listed.python}; take it out first")
+        raise InstallationFault(f"{file_of_engines()} lists an environment of {name}, {listed.python}; remove its table first")
     if place.is_symlink() or (place.exists() and not is_ours(place)):
         raise InstallationFault(f"{place} was not made by gauss-bench; move it away first")
 
 
 def pip_of(folder: Path) -> list[str]:
-    """Return the command that starts the pip of an environment; -I keeps it from importing modules of this process's paths."""
+    """Return the command that starts the pip of an environment; -I lets it import modules of that environment only."""
     return [str(interpreter_in(folder)), "-I", "-m", "pip"]
 
 
@@ -194,7 +194,7 @@ def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = 
 
     Args:
         failure: beginning of the message if the program fails.
-        quiet: whether `told` gets the output even if there is a terminal; if so, the message of a failure quotes the output.
+        quiet: whether `told` gets the output even if there is a terminal. The message of a failure then quotes the output.
 
     Raises:
         InstallationFault: the program fails.
@@ -211,9 +211,10 @@ def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = 
     )
     lines: list[str] = []
     try:
-        for line in filter(None, map(str.strip, process.stdout or ())):
-            lines.append(line)
-            told(line)
+        for line in process.stdout or ():  # there is no pipe if the output goes to the terminal
+            if text := line.strip():
+                lines.append(text)
+                told(text)
         code = process.wait()
     except BaseException:
         with contextlib.suppress(ProcessLookupError):

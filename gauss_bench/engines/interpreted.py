@@ -73,7 +73,7 @@ class OwnSteps:
     steps = evaluations = 0
 
     def project(self, t: float, x: Array, dx: Array) -> tuple[Array, Array]:
-        """Return the nearest state that satisfies the constraints on positions and velocities."""
+        """Return the state nearest to x, dx (n,) that satisfies the constraints on positions and velocities at time t [s]."""
         raise NotImplementedError
 
     def prepare(self, times: Array, native: bool = True) -> None:
@@ -91,12 +91,13 @@ class OwnSteps:
                     raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
 
     def _run_adaptive(self, rtol: float, atol: float) -> int:
-        """Fill the samples by an adaptive integrator; return the number of its steps."""
-        integrate = resolve_name(ADAPTIVE[self.choice.integrator])  # imports scipy, which takes longer than most runs
+        """Compute the samples x, dx by an adaptive integrator, and return the number of its steps."""
+        integrate = resolve_name(ADAPTIVE[self.choice.integrator])  # not at the head: importing scipy takes longer than most runs
         steps, *_ = integrate(self.stabilized, self.times, self.x, self.dx, rtol, atol, kinks=self.mechanism.kinks)
         return int(steps)
 
     def _run_fixed(self) -> None:
+        """Take the fixed steps of a run, and store its samples; a stretch is a sequence of equal steps up to a sample or a kink."""
         x, dx = self.start
         for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
             x, dx = self._advance(begin, x, dx, h, count, last)
@@ -108,7 +109,7 @@ class OwnSteps:
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
         """Return the state after `count` steps of h [s]; accelerations for later times than `last` [s] are evaluated at `last`."""
-        # `held_back` computes a step that ends where a force jumps with the force before the jump
+        # without `held_back`, a step that ends where a force jumps would also use the force after the jump
         step, rate = STEPS[self.choice.integrator], held_back(self.stabilized, last)
         for i in range(count):
             t = begin + i * h

@@ -4,7 +4,7 @@
     KEY=VALUE,...:        the options of the engine's first settings, with the given options changed
     NAME,KEY=VALUE,...:   the options of the settings or variant NAME, with the given options changed
 
-The first settings of an engine define which options exist, and whether a value is a number, a list of so many numbers, or a word. A
+The first settings of an engine define its options, and the type of each value: a number, a list of a fixed length, or a word. A
 word must occur in settings or variants of the engine, or among the values that the engine lists for the option.
 """
 
@@ -23,7 +23,7 @@ BARE = re.compile(r"[^\s\"'\[\]=]+( [^\s\"'\[\]=]+)*")  # one or several words w
 
 
 class OptionError(ValueError):
-    """An engine does not have an option, or the option does not take a value; the message lists the possible ones."""
+    """An engine lacks the given option, or the option cannot have the given value; the message lists what is possible."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class OptionTable:
         changes: dict[str, Any] = {}
         for part in parts:
             if not is_assignment(part):
-                raise OptionError(f"{part!r}: only the first may be a name, what follows is KEY=VALUE")
+                raise OptionError(f"{part!r}: only the first part may be a name; all others have the form KEY=VALUE")
             key, value = (x.strip() for x in part.split("=", 1))
             if key not in self.options:
                 raise OptionError(f"no option {key!r}; there are {self.describe() or 'none'}")
@@ -78,21 +78,21 @@ class OptionTable:
         usual = next(iter(self.labels.values()))[key]
         match usual:
             case bool():  # before int: Python's bool is an int
-                wanted, good = "true or false", isinstance(value, bool)
+                wanted, is_valid = "true or false", isinstance(value, bool)
             case int():
-                wanted, good = "a whole number from 1 on", _is_number(value, int) and value >= 1
+                wanted, is_valid = "a whole number of at least 1", _is_number(value, int) and value >= 1
             case float():
-                wanted, good = "a number that is not negative", _is_number(value) and value >= 0
-                value = float(value) if good else value
+                wanted, is_valid = "a number that is not negative", _is_number(value) and value >= 0
+                value = float(value) if is_valid else value
             case list() | tuple():
                 wanted = f"{len(usual)} numbers in brackets, as in {_write(usual)}"
-                good = isinstance(value, list) and len(value) == len(usual) and all(map(_is_number, value))
-                value = [float(x) for x in value] if good else value
+                is_valid = isinstance(value, list) and len(value) == len(usual) and all(map(_is_number, value))
+                value = [float(x) for x in value] if is_valid else value
             case _:
                 used = (options[key] for options in self.labels.values() if key in options)
                 words = list(dict.fromkeys([*used, *self.options[key]]))
-                wanted, good = f"one of: {'; '.join(words)}", value in words
-        if not good:
+                wanted, is_valid = f"one of: {'; '.join(words)}", value in words
+        if not is_valid:
             raise OptionError(f"the option {key!r} takes {wanted}; not {shown!r}")
         return value
 
@@ -108,7 +108,7 @@ def is_assignment(text: str) -> bool:
 
 
 def _read(text: str) -> Any:
-    """Return a text's value in TOML, or the text itself if it is one or more words without quotes, and otherwise None."""
+    """Return the value of a text in TOML; words without quotes are returned as they are, and None for any other text."""
     if "\n" in text:  # a second line could hold a second value
         return None
     try:

@@ -38,7 +38,7 @@ def plan(end: float, step: float) -> tuple[int, int]:
 
     The first number is a multiple of the second, and a program prints at most SAMPLES rows after the start.
     """
-    count = max(1, math.ceil(end / step - 1e-9))
+    count = max(1, math.ceil(end / step - 1e-9))  # 1e-9: a rounding error of the quotient must not add a step
     every = math.ceil(count / SAMPLES)
     return every * math.ceil(count / every), every
 
@@ -47,7 +47,7 @@ PLAN = inspect.getsource(plan)  # every program has this function
 
 
 def heading(name: str) -> str:
-    """Return a name as the heading of a CSV column; characters that could end the column become underscores."""
+    """Return a name as the heading of a CSV column, with underscores for commas, quotes and other special characters."""
     return "".join(c if c.isalnum() or c in "._- " else "_" for c in name)
 
 
@@ -61,7 +61,9 @@ def rates(mechanism: Mechanism) -> list[str]:
     return coordinates(mechanism, ("vx", "vy", "omega"))
 
 
+# the bodies of functions t -> (value, rate, second derivative), one for each kind of motion law
 CONSTANT = "    return $start + $speed * t, $speed, 0.0\n"
+# a cubic spline: in the interval j, `bends` and `bend` are its second and third derivative, and `slope` is its first at times[j]
 TABLE = """    start, times, values = $start, $times, $angles
     bends = $curvatures
     x = min(max(t, times[0]), times[-1])
@@ -95,7 +97,7 @@ FAMILIES = {  # name of a law that rises from 0 to 1 -> its value and first two 
 
 
 def write_law(name: str, law: MotionLaw) -> str:
-    """Return the Python source of a function t -> (value, rate, second derivative) that computes the motion law `law`."""
+    """Return the Python source of a function `name`: t -> (value, rate, second derivative) of the motion law `law`."""
     numbers = {key: python(np.asarray(x).tolist()) for key, x in law.numbers.items()}
     body = {"constant": CONSTANT, "table": TABLE}.get(law.name, RISE)  # every other law is a rise from rest to rest
     return f"def {name}(t):\n{Template(body).substitute(numbers, family=FAMILIES.get(law.name, ''))}"
@@ -152,10 +154,10 @@ def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict
         RunFailure: the program would need forces that only this suite computes.
     """
     if forces.others is not None:
-        reason = "a program can compute forces of joints only, none at or between points, and none that varies"
+        reason = "a program can compute forces of joints only: no forces at points or between points, and none that vary"
         raise RunFailure(Status.SKIP, reason)
     laws = name_laws(mechanism)
-    driven = [[at, laws[id(driver.law)]] for at, driver in drivers_by_coordinate(mechanism, tree).items()]
+    driven = [[index, laws[id(driver.law)]] for index, driver in drivers_by_coordinate(mechanism, tree).items()]
     return {"CONSTANT": forces.constant, "STIFFNESS": forces.stiffness, "DAMPING": forces.damping, "LAWS": driven}
 
 

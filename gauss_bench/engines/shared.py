@@ -31,31 +31,28 @@ from gauss_bench.trajectory import RunFailure, Status
 from gauss_bench.trajectory import finite as finite  # plug-ins import these two from here
 from gauss_bench.trajectory import with_accelerations as with_accelerations
 
-# [rad, m] of random states about the start; speeds spread 10 times as far [rad/s, m/s], so that errors of velocity terms show
+# [rad, m] for each random tree state, the largest difference of a coordinate from the start. That of a rate is 10 times as large
+# [rad/s, m/s], so that errors of velocity terms show.
 SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)
-PARALLEL = 1e-12  # largest sine of the angle between parallel axes: angles are summed in different orders, which rounds differently
+PARALLEL = 1e-12  # sine of the angle up to which two axes count as parallel: sums of angles in different orders differ by rounding
 End = TypeVar("End")
 
 
 class LibraryEngine(EngineDefaults):
     """The members that adapters to libraries have in common.
 
-    `class Adapter(LibraryEngine, beside=__file__)` reads the `variants.toml` beside the adapter's own file; `file` may have its
-    content instead, as `read_variants` returns it.
+    `class Adapter(LibraryEngine, beside=__file__)` reads the `variants.toml` in the folder of the adapter's own file.
     """
 
     stabilizations: tuple[str, ...] = ("none",)
     settings: Mapping[str, Mapping[str, Any]]
     file: Variants
 
-    def __init_subclass__(cls, file: Variants | None = None, beside: str = "") -> None:
-        if beside:
-            file = read_variants(Path(beside).parent)
-        if file is None:  # a subclass of an adapter without a file of its own inherits that adapter's settings
-            return
-        cls.file = file
-        cls.settings, cls.variants, cls.knobs = file.settings, file.space, file.knobs
-        cls.first, cls.soft, cls.unfinished = file.first, file.soft, file.unfinished
+    def __init_subclass__(cls, beside: str = "") -> None:
+        if beside:  # without it, a subclass of an adapter inherits that adapter's settings
+            cls.file = file = read_variants(Path(beside).parent)
+            cls.settings, cls.variants, cls.knobs = file.settings, file.space, file.knobs
+            cls.first, cls.soft, cls.unfinished = file.first, file.soft, file.unfinished
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         return ""
@@ -75,14 +72,15 @@ def common_refusal(mechanism: Mechanism, library: str) -> str | None:
     Raises:
         TypeError: a force is of a kind that cannot be expressed by loads.
     """
-    for force in (f for f in mechanism.forces if not factor_of(f)):  # a force that varies is no sum of constant loads
-        if any(isinstance(x, Law) and x.inverse_square for x in loads([force])):
-            return f"force {force.name} falls with the square of a distance, which the adapter of {library} does not support"
+    for force in mechanism.forces:
+        is_steady = not factor_of(force)  # a force that varies with time or direction is no sum of constant loads
+        if is_steady and any(isinstance(x, Law) and x.inverse_square for x in loads([force])):
+            return f"force {force.name} is an inverse square law, which the adapter of {library} does not support"
     if mechanism.couplings:
         coupling = mechanism.couplings[0]
         return f"the adapter of {library} does not support a {type(coupling).__name__} ({coupling.name})"
     if mechanism.has_friction:
-        return f"the adapter of {library} does not support dry friction, which grows with the load of a joint"
+        return f"the adapter of {library} does not support dry friction, which depends on the load of a joint"
     return None
 
 
@@ -93,6 +91,7 @@ def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
 
 def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
     """List, for each driver of an angle or slide, the index of its tree coordinate; None if its angle is a sum of several."""
+    # the angle of a link is a tree coordinate only if a hinge joins the link to the ground
     hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
     slides = slide_indices(tree)
     return [hinges.get(d.link) if isinstance(d, AngleDriver) else slides.get(d.joint.name) for d in jointed(mechanism)]
@@ -106,11 +105,11 @@ def undriven(mechanism: Mechanism, tree: Tree, library: str, any_law: bool = Tru
     """
     for driver in mechanism.drivers:
         if isinstance(driver, LengthDriver):
-            return f"{library} can prescribe coordinates of joints, not the length {driver.name}"
+            return f"{library} can prescribe coordinates of joints, but not the length {driver.name}"
         if not any_law and driver.law.name != "constant":
             return f"the adapter of {library} supports drivers of constant speed only, not the motion law {driver.law.name}"
     if None in driven_coordinates(mechanism, tree):
-        return f"{library} can prescribe single coordinates of the tree of joints, and the driven angle is a sum of them"
+        return f"{library} can prescribe single coordinates of the tree of joints, but the driven angle is a sum of several"
     return None
 
 
@@ -136,12 +135,12 @@ def driven_rows(mechanism: Mechanism, tree: Tree) -> tuple[Array, Array]:
 
 
 def slide_indices(tree: Tree) -> dict[str, int]:
-    """Return name of a slide of the tree -> index of its tree coordinate."""
+    """Return name of each slide in the tree -> index of its tree coordinate."""
     return {b.joint.name: b.at for b in tree.branches if b.kind == "prismatic" and b.joint}
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
-    """Return the reason why a mechanism is no tree of joints with pins as the only closures of loops; None if it is."""
+    """Return the reason why a tree of joints, with pins as the only closures of its loops, cannot model a mechanism, or None."""
     if reason := common_refusal(mechanism, library):
         return reason
     if mechanism.knife_edges:
@@ -203,7 +202,7 @@ class OpenTree:
 def open_tree(evaluator: Evaluator, tree: Tree, y: Array, dy: Array) -> OpenTree:
     """Evaluate the suite's own equations of motion of the tree at a tree state y, dy (n,) and t = 0; loops may be open."""
     q, v, a0 = tree.absolute(y, dy, np.zeros(tree.n))
-    speeds = tree.unit_speeds(y)
+    speeds = tree.unit_speeds(y)  # (n, 3 links) V^T
     Q, inertial = evaluator.applied.generalised(q, v, 0.0), evaluator.mass * a0
     gaps = measure_gaps(closing_pins(tree), lambda point: position(q, point))
     load = float(np.abs(Q).max() + np.abs(inertial).max())
@@ -211,15 +210,18 @@ def open_tree(evaluator: Evaluator, tree: Tree, y: Array, dy: Array) -> OpenTree
 
 
 def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance: float) -> None:
-    """Check that the model of a library agrees with the linkage.
+    """Check that the model of a library agrees with the linkage: differences are at most the tolerance times their scale.
 
     Args:
         pairs: name of a quantity -> its value in the model, its value in the linkage, and the scale of a difference.
+
+    Raises:
+        RunFailure: a difference is larger, or not a number.
     """
-    for what, (own, expected, scale) in pairs.items():
+    for name, (own, expected, scale) in pairs.items():
         error = np.abs(own - expected).max(initial=0.0)
         if not error <= tolerance * scale:  # written so that NaN fails too
-            raise RunFailure(Status.ERROR, f"the generated model differs from the linkage: {what} by {error:.1e} (of {scale:.1e})")
+            raise RunFailure(Status.ERROR, f"the built model differs from the linkage: {name} by {error:.1e} (scale {scale:.1e})")
 
 
 def size(x: Array) -> float:

@@ -1,7 +1,7 @@
 """Record an adapter's calls as a script: the adapter builds its model with a stand-in for the library that records every call.
 
-The recorded calls, in order, are a script that builds the model without the adapter, and cannot differ from the model that the
-adapter has compared with the linkage.
+The recorded calls, in order, are a script that builds the model without the adapter. Its model equals the one that the adapter
+has compared with the linkage, because the same calls build both.
 
     mbs = Script({"AddNode": "node_"}).stand_in("mbs")
     mbs.AddNode(items.NodePoint(name="A"))                       records: node_1 = mbs.AddNode(items.NodePoint(name='A'))
@@ -27,10 +27,12 @@ class Script:
     def __init__(self, statements: Mapping[str, str]):
         """Begin an empty script.
 
+        A call of a function whose name matches COMMAND becomes a line without a variable. A call of any other function that is
+        not in `statements` becomes part of the expression that uses its result.
+
         Args:
             statements: name of a function or method whose calls become lines of the script -> variable to which the line assigns
-                the result. A variable that ends with an underscore gets a number. A call of any other function becomes a line
-                without a variable if its name begins as COMMAND says, and else part of the expression that uses its result.
+                the result. A variable that ends with an underscore gets a number.
         """
         self.lines: list[str] = []
         self._statements, self._counts = dict(statements), {prefix: count(1) for prefix in statements.values()}
@@ -43,7 +45,7 @@ class Script:
         self.lines.append(f"# {in_a_sentence(text)}")
 
     def record_call(self, source: str, text: str) -> "StandIn":
-        """Record a call as `statements` says, and return the stand-in for its result.
+        """Record a call by the rules of `__init__`, and return the stand-in for its result.
 
         Args:
             source: the expression for the function.

@@ -2,13 +2,13 @@
 
 A branch connects a link to its parent by a joint, and has one coordinate y; the branch of a free link has three coordinates.
 Vectors of the plane are complex numbers: z is the centre of mass of the link, theta its angle, r = exp(i theta) anchor the vector
-from z to the joint, and E = exp(i theta_parent). The kinds of branches are:
+from z to the joint, and E = exp(i theta_parent). The kinds of branches, with the names of the attributes of `Branch`, are:
 
     revolute:    theta = theta_parent + y,      z + r = z_parent + E parent_anchor
     prismatic:   theta = theta_parent + turn,   z + r = z_parent + E (parent_anchor + base + y axis)
     free:        The coordinates are x, y and theta of the centre of mass.
 
-Slides enter the tree before pins, so that pins close the loops wherever possible. Branches are listed depth first. The map to
+Slides enter the tree before pins, so loops are closed by pins wherever possible. Branches are listed depth first. The map to
 absolute coordinates computes with Python numbers for a single state (n,), which is fastest, and with numpy for a batch of states
 (..., n).
 """
@@ -26,7 +26,7 @@ import numpy as np
 from gauss_bench.mechanism.coordinates import state
 from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.frames import unit
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Joint, Mechanism, Point
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Joint, Mechanism, Point, Prismatic
 from gauss_bench.mechanism.spaces import SIZE
 from gauss_bench.terms import Array
 
@@ -37,7 +37,7 @@ class Branch:
 
     Attributes:
         joint: the joint of the linkage; None for a free link.
-        at: index of the branch's first tree coordinate.
+        at: index of the branch's tree coordinate, or of the first of three.
         parent_anchor, anchor: (2,) [m] the joint's point in the parent's frame and in the link's frame; the origin of a frame is
             the centre of mass.
         base: (2,) [m] for a slide: vector from parent_anchor to the slide's line, in the parent's frame; otherwise zero.
@@ -87,7 +87,7 @@ class AbsoluteState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """A spanning tree.
+    """A spanning tree of the joints of a linkage.
 
     Attributes:
         branches: in depth-first order, so that a parent comes before its children.
@@ -115,39 +115,41 @@ class Tree:
             near, far, base, axis = b.vectors
             (z, theta), (u, w), (c, alpha) = q[p], v[p], a[p]
             E = exp(1j * theta)
-            # arm: from the parent's centre of mass to the joint; slide, slide_rate: velocity and acceleration along the axis
+            # arm: from the parent's centre of mass to the joint; slip, slip_rate: velocity and acceleration along the axis
             if b.kind == "revolute":
-                arm, slide, slide_rate = E * near, 0.0, 0.0
+                arm, slip, slip_rate = E * near, 0.0, 0.0
                 theta_i, w_i, alpha_i = theta + Y[k], w + dY[k], alpha + ddY[k]
             else:
-                arm, slide, slide_rate = E * (near + base + Y[k] * axis), E * axis * dY[k], E * axis * ddY[k]
+                arm, slip, slip_rate = E * (near + base + Y[k] * axis), E * axis * dY[k], E * axis * ddY[k]
                 theta_i, w_i, alpha_i = theta + b.turn, w, alpha
             r = exp(1j * theta_i) * far  # from the child's centre of mass to the joint
             # acceleration of the joint relative to the parent's centre: Euler, centripetal, Coriolis and relative terms
-            turning = (1j * alpha - w * w) * arm + 2j * w * slide + slide_rate
+            relative = (1j * alpha - w * w) * arm + 2j * w * slip + slip_rate
             q[i] = (z + arm - r, theta_i)
-            v[i] = (u + 1j * w * arm + slide - 1j * w_i * r, w_i)
-            a[i] = (c + turning - (1j * alpha_i - w_i * w_i) * r, alpha_i)
+            v[i] = (u + 1j * w * arm + slip - 1j * w_i * r, w_i)
+            a[i] = (c + relative - (1j * alpha_i - w_i * w_i) * r, alpha_i)
         shape = y.shape[:-1]
         return AbsoluteState(self._stack(q, shape), self._stack(v, shape), self._stack(a, shape))
 
     def _stack(self, states: dict[int, Any], shape: tuple[int, ...]) -> Array:
-        """Return an array (*shape, 3 links) in the order of q from link -> (position x + i y, angle), or the rates of both.
+        """Return an array (*shape, 3 links) with x, y and angle of each link, or their rates.
 
-        `shape` is the shape of the numbers, empty for a single state.
+        Args:
+            states: link -> (x + i y, angle).
+            shape: shape of these numbers; empty for a single state.
         """
-        out = np.empty((*shape, self.links, 3))
+        stacked = np.empty((*shape, self.links, 3))
         for i in range(self.links):
             z, theta = states[i]
-            out[..., i, 0], out[..., i, 1], out[..., i, 2] = z.real, z.imag, theta
-        return out.reshape(*shape, -1)
+            stacked[..., i, 0], stacked[..., i, 1], stacked[..., i, 2] = z.real, z.imag, theta
+        return stacked.reshape(*shape, -1)
 
     @cached_property
     def _coordinates(self) -> Callable[..., list[Array]]:
         """A generated function (t, q, v) -> tree coordinates (..., n), their rates (..., n)."""
-        at = Symbols(SIZE * self.links)
-        states = [state(x, at) for b in self.branches for x in b.coordinates]
-        return at.generate([x.value for x in states], [x.rate for x in states])
+        symbols = Symbols(SIZE * self.links)  # of q and v
+        states = [state(coordinate, symbols) for b in self.branches for coordinate in b.coordinates]
+        return symbols.generate([x.value for x in states], [x.rate for x in states])
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Map absolute states q, v (..., 3 links) to tree coordinates and rates (..., n).
@@ -158,7 +160,7 @@ class Tree:
         return y, dy
 
     def forces(self, q: Array, Q: Array) -> Array:
-        """Return the forces (..., n) on the tree coordinates that do the virtual work of the forces Q (..., 3 links) at q."""
+        """Return the generalised forces V^T Q (..., n) on the tree coordinates for absolute forces Q (..., 3 links) at q."""
         y, _ = self.relative(q, np.zeros_like(q))
         return np.asarray((self.unit_speeds(y) @ Q[..., None])[..., 0])
 
@@ -169,7 +171,7 @@ class Tree:
 
 
 def exponential(x: Array) -> Callable[[Any], Any]:
-    """Return the function for complex exponentials of a state x: cmath.exp for a single one (n,), numpy.exp for a batch."""
+    """Return the function that computes complex exponentials: cmath.exp for a single state x (n,), numpy.exp for a batch."""
     return cmath.exp if x.ndim == 1 else np.exp
 
 
@@ -191,7 +193,7 @@ class Turning:
     constants: Array
 
     def together(self, a: int, b: int) -> bool:
-        """Tell whether two links never turn relative to each other."""
+        """Tell whether two links never turn relative to each other: the same hinges turn both."""
         return bool((self.rows[a] == self.rows[b]).all())
 
     def turns_with(self, a: int, b: int) -> bool:
@@ -265,7 +267,7 @@ def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]
 
 
 def _nearest(mechanism: Mechanism, slides: Sequence[Joint]) -> list[Joint]:
-    """Return all slides, and the pins that lead from the ground to every link over the fewest joints (Dijkstra's algorithm).
+    """Return all slides, and the pins that give every link the path with the fewest joints to the ground (Dijkstra's algorithm).
 
     When the search reaches a link, it also reaches all links that slides connect to it, because a pin to one of them would close a
     loop that contains a slide. Paths of a group of links without a connection to the ground start from its first link.
@@ -313,13 +315,12 @@ def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
     given in the frame of this link.
     """
     zero = np.zeros(2)
-    (_, offset), (_, turn) = joint.held  # values of the coordinates that a slide keeps constant: offset [m] and angle [rad]
     first, second = joint.ends
     forward = first.link == parent
     near, far, sign = (first, second, 1.0) if forward else (second, first, -1.0)
-    if not isinstance(motion := joint.motion, Along):  # a pin
+    if not isinstance(joint, Prismatic):
         return Branch(child, parent, "revolute", joint, at, near.local, far.local, base=zero, axis=zero, turn=0.0)
     # direction of the slide in the parent's frame [rad]; base: from the near point to the slide's line, axis: along the line
-    theta = motion.angle if forward else motion.angle - turn
-    base, axis = sign * offset * unit(theta, across=True), sign * unit(theta)
-    return Branch(child, parent, "prismatic", joint, at, near.local, far.local, base=base, axis=axis, turn=sign * turn)
+    theta = joint.angle if forward else joint.angle - joint.turn
+    base, axis = sign * joint.offset * unit(theta, across=True), sign * unit(theta)
+    return Branch(child, parent, "prismatic", joint, at, near.local, far.local, base=base, axis=axis, turn=sign * joint.turn)

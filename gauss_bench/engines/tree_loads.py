@@ -38,7 +38,11 @@ ALIGNED = 1e-12  # [m] largest distance by which rounding moves a point off a li
 
 @dataclass(frozen=True, eq=False)
 class Steady:
-    """The constant generalised force `value` times `force` (n,) on the tree coordinates, for the linkage's forces `names`."""
+    """The constant generalised force `value` times `force` (n,) on the tree coordinates.
+
+    Attributes:
+        names: names of the linkage's forces that it replaces.
+    """
 
     force: Array
     value: float = 1.0
@@ -49,7 +53,8 @@ class Steady:
 class OnJoints:
     """The force k (rest - L) - c dL/dt on the sum of tree coordinates L = row . y + constant; row (n,) has entries 0, 1 and -1.
 
-    It belongs to the linkage's force `name`.
+    Attributes:
+        name: name of the linkage's force to which it belongs.
     """
 
     row: Array
@@ -72,41 +77,41 @@ TreeLoad = Steady | OnJoints | OtherLoad
 
 
 def sort_loads(mechanism: Mechanism, tree: Tree) -> list[TreeLoad]:
-    """Return all forces of a mechanism that do not vary, as loads `Steady`, `OnJoints` and `OtherLoad`.
+    """Return the forces of a mechanism as loads `Steady`, `OnJoints` and `OtherLoad`.
 
     Torques, and forces that act only along slides of the tree, become constant forces on tree coordinates (motors). Each of the
     other forces becomes one load or several. Forces that vary with time or with the direction of motion are left out.
     """
     turns = turning(tree)
     steady = [f for f in mechanism.forces if not factor_of(f)]
+    # a unit torque has the generalised force 1 on each hinge that turns only the link, and -1 on each that turns only its reaction
     motors = [Steady(turns.rows[f.link] - turns.rows[f.reaction], f.value, (f.name,)) for f in steady if isinstance(f, Torque)]
     motors += slide_motors([f for f in steady if isinstance(f, PointForce)], mechanism, tree, turns)
-    done = {name for motor in motors for name in motor.names}
-    found: list[TreeLoad] = [*motors]
+    motor_names = {name for motor in motors for name in motor.names}
+    tree_loads: list[TreeLoad] = [*motors]
     for f in steady:
-        if f.name not in done:
+        if f.name not in motor_names:
             for load in f.to_loads():
-                found += sort_load(f.name, load, mechanism, tree, turns)
-    return found
+                tree_loads += sort_load(f.name, load, mechanism, tree, turns)
+    return tree_loads
 
 
 def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Steady]:
-    """Return those forces that act only along slides of the tree, as constant forces on the slides' coordinates.
+    """Return the forces that act only along slides of the tree, as constant forces on the slides' coordinates.
 
-    Such a force acts on the block of a slide. If the guide moves, another force in `forces` must be the reaction on the guide.
+    Such a force acts on the block of a slide. If the guide moves, another force in `forces` must be the reaction on the guide. All
+    other forces are left out.
     """
     motors: list[Steady] = []
-    done: set[str] = set()
+    done: set[str] = set()  # names of the forces that are already part of a motor
     slides = [b for b in tree.branches if b.kind == "prismatic"]
     for f in forces:
         for b in slides:
             if f.name in done or f.point.link != b.link:  # a force becomes one motor only
                 continue
             value = along_slide(f, b, turns)
-            if value is None:
-                continue
             reactions = [g.name for g in forces if g.name not in done and is_reaction(g, f, b, mechanism, turns)]
-            if b.parent != GROUND and not reactions:
+            if value is None or (b.parent != GROUND and not reactions):
                 continue
             names = (f.name, *reactions[:1])  # one reaction balances the force; an equal second one remains a force of its own
             motors.append(Steady(np.eye(tree.n)[b.at], value, names))  # the unit vector of the slide's coordinate
@@ -117,7 +122,7 @@ def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree,
 def along_slide(f: PointForce, b: Branch, turns: Turning) -> float | None:
     """Return the component [N] of a force along the slide of a branch.
 
-    None if it is zero, not parallel, or turns against the guide.
+    Return None if the force is zero, is not parallel to the slide, or has a direction that turns relative to the guide.
     """
     if not turns.together(f.frame, b.parent):
         return None
@@ -128,12 +133,13 @@ def along_slide(f: PointForce, b: Branch, turns: Turning) -> float | None:
 
 
 def is_reaction(g: PointForce, f: PointForce, b: Branch, mechanism: Mechanism, turns: Turning) -> bool:
-    """Tell whether the force g on the guide of the slide b is opposite to the force f on the block, and acts on the same line."""
+    """Tell whether g is the reaction to a force f on the block of a slide b: an opposite force on the guide, on the same line."""
     if g.point.link != b.parent or not turns.together(g.frame, b.parent):
         return False
-    forces = (rotate(x.value, turns.constants[x.frame] - turns.constants[b.parent]) for x in (f, g))
+    # (2,) both forces in the guide's frame
+    on_block, on_guide = (rotate(x.value, turns.constants[x.frame] - turns.constants[b.parent]) for x in (f, g))
     offset = value(Along(g.point, f.point, float(np.arctan2(b.axis[1], b.axis[0])), across=True), mechanism.q0)
-    return bool(np.abs(sum(forces)).max() <= PARALLEL * np.abs(f.value).max() and abs(offset) <= ALIGNED)
+    return bool(np.abs(on_block + on_guide).max() <= PARALLEL * np.abs(f.value).max() and abs(offset) <= ALIGNED)
 
 
 def refuse_load(load: TreeLoad, turns: Turning, library: str) -> str | None:
@@ -164,7 +170,7 @@ def turn_force(force: PointForce, turns: Turning) -> tuple[bool, Array]:
 
 
 def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[TreeLoad]:
-    """Return one load of the linkage's force `name` as loads of the three kinds of this module.
+    """Return one load of the linkage's force `name` as loads of the three kinds `Steady`, `OnJoints` and `OtherLoad`.
 
     A force law on an angle, or along a slide of the tree, acts on a sum of tree coordinates. Every other load is an `OtherLoad`.
 
@@ -187,13 +193,13 @@ def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Tu
 
 
 def on_joints(name: str, row: Array, constant: float, law: Law) -> list[TreeLoad]:
-    """Return the loads of a force law on the coordinate L = row . y + constant: `Steady` of its constant part, and `OnJoints`."""
-    found: list[TreeLoad] = []
+    """Return the constant part (`Steady`) and the spring and damper (`OnJoints`) of a force law on L = row . y + constant."""
+    loads: list[TreeLoad] = []
     if law.bias:
-        found.append(Steady(row, law.bias, (name,)))
+        loads.append(Steady(row, law.bias, (name,)))
     if law.k or law.c:
-        found.append(OnJoints(row, constant, law.k, law.c, law.rest, name))
-    return found
+        loads.append(OnJoints(row, constant, law.k, law.c, law.rest, name))
+    return loads
 
 
 def slide_coordinate(along: Along, mechanism: Mechanism, tree: Tree) -> tuple[Array, float] | None:

@@ -28,7 +28,7 @@ class TreeModel(ABC):
         library: the library's name in messages.
         options: name of an option of the engine -> value; the option "tree" selects the spanning tree.
         y0, dy0: (n,) tree coordinates and rates at the start.
-        plan: intervals of time, each with steps of equal size, which `run` takes.
+        plan: the `Stretch`es of a run: sequences of equal steps, each up to a sample or a kink.
         y, dy: (k, n) tree coordinates and rates at the sample times, which `run` stores.
     """
 
@@ -61,7 +61,7 @@ class TreeModel(ABC):
             return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy)).a, self.library)
 
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (3 links,) of a sample; a subclass may compute them otherwise than `accelerate` does."""
+        """Return the accelerations (3 links,) that `read` reports for a sample; a subclass may compute them in another way."""
         return self.accelerate(t, y, dy)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -78,7 +78,7 @@ class TreeModel(ABC):
         return self.trajectory(self.y, self.dy, self.count_steps())
 
     def count_steps(self) -> int:
-        """Return the number of steps of a run: that of the plan, unless the library chooses its steps."""
+        """Return the number of steps in `plan`; a subclass whose library chooses its steps returns another number."""
         return sum(stretch.steps for stretch in self.plan)
 
     def trajectory(self, y: Array, dy: Array, steps: int, evaluations: int | None = None, note: str = "") -> Trajectory:
@@ -122,7 +122,10 @@ class OpenModel:
 
 
 def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], OpenModel], tolerance: float) -> None:
-    """Compare a library's model of the tree, as `describe` returns it, with the linkage at the start and where loops are open.
+    """Compare a library's model of the tree with the suite's, at the start and at random tree states, where loops are open.
+
+    Args:
+        describe: function of a tree state y, dy (n,) that returns what the library computes there.
 
     Raises:
         RunFailure: a quantity differs by more than the tolerance times its scale.
@@ -134,7 +137,7 @@ def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], 
 
 def comparison(model: OpenModel, own: OpenTree) -> dict[str, tuple[Array, Array, float]]:
     """Return name of a quantity -> the library's value, the suite's own value, and the scale of a difference."""
-    extent, load = float(np.abs(own.q).max()), own.load or 1.0  # without any load, the library's rounding is compared with 1
+    extent, load = float(np.abs(own.q).max()), own.load or 1.0  # 1.0: without any load, forces differ only by rounding
     pairs = {"gaps of open pins": (model.gaps, own.gaps, extent)}
     if model.positions is not None:
         pairs["positions of links"] = (model.positions, places(own.q), extent)
@@ -164,7 +167,7 @@ def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps:
     Args:
         rates: function (t, y, dy, h) that returns the rates (n,) after one step of h [s], and the rates after two such steps.
     """
-    changes = []
+    changes = []  # D(h) of each step size
     for h in steps:
         before, after = rates(t - h, y - h * dy, dy, h)
         changes.append((after - before) / h)

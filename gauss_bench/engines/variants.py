@@ -5,10 +5,11 @@ file has one line and four tables:
 
     first = [NAME, ...]     variants that a search tries first if its time is short; this line stands above the tables
     [knobs]                 NAME = { meaning = "...", source = "https://..." }; `own_search` = "reason" may replace the source;
-                            `values` lists further words that the knob may have, `range` its least and its largest number
+                            `values` lists further words that are allowed, `range` the smallest and the largest number
     [settings]              LABEL = { KNOB = value, ... }, run by suites; the first label gives every knob a value, the others
                             only the values that differ
-    [[unfinished]]          KNOB = value, ... and cause = "...": which variants stop their solver before it has converged, and why
+    [[unfinished]]          KNOB = value, ... and cause = "...": variants with these values stop their solver before it has
+                            converged, for this cause
     [variants]              NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }, tried by
                             searches
 
@@ -52,8 +53,8 @@ class Knob:
     Attributes:
         meaning: effect of the option, in a few words.
         source: address of the option's documentation, or the text OWN_SEARCH and the reason to try the option.
-        values: words that the option may have as its value, besides those that settings and variants use.
-        range: least and largest allowed number, for the option's value or, if this is a list, for every entry.
+        values: allowed words, besides those that settings and variants use.
+        range: smallest and largest allowed number, for the option's value or, if this is a list, for every entry.
     """
 
     meaning: str
@@ -100,8 +101,9 @@ class Variants:
     @property
     def table(self) -> OptionTable:
         """All settings and variants by name, and the options that users can set one by one."""
-        labels = {**self.settings, **{k: x.options for k, x in self.space.items()}}
-        return OptionTable(labels, {k: x.values for k, x in self.knobs.items() if k not in CHOSEN})
+        variants = {name: variant.options for name, variant in self.space.items()}
+        options = {name: knob.values for name, knob in self.knobs.items() if name not in CHOSEN}
+        return OptionTable({**self.settings, **variants}, options)
 
 
 def read_variants(room: Path) -> Variants:
@@ -134,34 +136,34 @@ def _read(file: Mapping[str, Any]) -> Variants:
     for name, line in read_tables(file, "variants").items():
         label = line.get("settings", next(iter(settings)))
         for variant in _read_line(name, line, label, settings, knobs):
-            taken = variant.name in space or variant.name in settings
-            require(not taken, f"variants.{name}", f"{variant.name} is there already")
+            is_new = variant.name not in space and variant.name not in settings
+            require(is_new, f"variants.{name}", f"{variant.name} is there already")
             space[variant.name] = variant
             if label in soft:
                 soft[variant.name] = soft[label]
     # every value of a knob, in settings and in variants, must be in the knob's range
-    for label, values in [*settings.items(), *((x.name, x.options) for x in space.values())]:
-        outside = [k for k, knob in knobs.items() if k in values and not knob.allows(values[k])]
+    for label, options in [*settings.items(), *((x.name, x.options) for x in space.values())]:
+        outside = [name for name, knob in knobs.items() if name in options and not knob.allows(options[name])]
         require(not outside, label, f"{', '.join(outside)} is not in its own range")
     first = tuple(file.get("first", ()))  # variants that a search tries first if its time is short
     for name in first:
         require(name in space, "first", f"there is no variant {name!r}")
     unfinished: dict[str, str] = {}
     lines = file.get("unfinished", [])
-    require(isinstance(lines, list), "unfinished", "a list of tables is wanted")
+    require(isinstance(lines, list), "unfinished", "must be a list of tables")
     for line in lines:
         values = {key: x for key, x in line.items() if key != "cause"}
         _require_known(values, tuple(knobs), "unfinished")
         cause = _read_cause(line.get("cause"), "unfinished.cause")
-        unfinished |= {name: cause for name, x in space.items() if values.items() <= x.options.items()}
+        unfinished |= {name: cause for name, variant in space.items() if values.items() <= variant.options.items()}
     return Variants(knobs, settings, space, first, soft, unfinished)
 
 
 def read_tables(file: Mapping[str, Any], name: str) -> dict[str, Line]:
     """Return the table `name` of a file, all of whose entries must be tables; only the table "variants" may be empty."""
     lines = file.get(name)
-    good = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
-    require(good and (bool(lines) or name == "variants"), name, "a table of tables is wanted")
+    has_tables = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
+    require(has_tables and (bool(lines) or name == "variants"), name, "must be a table of tables")
     return lines or {}
 
 
@@ -170,15 +172,15 @@ def _read_knob(place: str, line: Line) -> Knob:
     for key in line:
         require(key in ("meaning", "source", "own_search", "values", "range"), place, f"unknown field {key}")
     meaning, address, reason = (line.get(x, "") for x in ("meaning", "source", "own_search"))
-    require(isinstance(meaning, str) and bool(meaning.strip()), place, "does not say what it means")
+    require(isinstance(meaning, str) and bool(meaning.strip()), place, "has no `meaning`")
     require(bool(address) != bool(reason), place, "needs either `source` (an address) or `own_search` (the reason to try it)")
-    require(not address or str(address).startswith("https://"), place, "`source` is no address")
+    require(not address or str(address).startswith("https://"), place, "`source` is no address: https://...")
     require(not reason or len(str(reason)) >= MIN_REASON_LENGTH, place, "`own_search` gives no reason")
     match line.get("range", list(Knob.range)):
         case [int() | float() as least, int() | float() as most] if least < most:
             values = tuple(line.get("values", ()))
             return Knob(meaning.strip(), address or OWN_SEARCH + reason, values, (float(least), float(most)))
-    raise VariantError(f"{place}: `range` must be the least and the largest number")
+    raise VariantError(f"{place}: `range` must be the smallest and the largest number")
 
 
 def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[str, Line], dict[str, str]]:
@@ -210,6 +212,7 @@ def _read_line(name: str, line: Line, label: str, settings: Mapping[str, Line], 
     """Check one line of [variants] and yield its variants, one for every combination of the values that it lists.
 
     Args:
+        name: name of the line; with the chosen values it is the name of a variant.
         label: label of the settings that the line names; they give a value to every knob that the line leaves out.
         settings: label of settings -> (knob -> value).
     """
@@ -221,31 +224,31 @@ def _read_line(name: str, line: Line, label: str, settings: Mapping[str, Line], 
     # names of combinations list the values in the order of the line's keys; `|` keeps the position of a key that the line has
     values = line | {"stabilization": line.get("stabilization", "none")}
     values.pop("settings", None)
-    lists = {k: x for k, x in values.items() if _is_choice(x, usual.get(k))}  # key -> alternatives
+    lists = {key: x for key, x in values.items() if _is_choice(x, usual.get(key))}  # key -> alternatives
     for picked in product(*lists.values()):  # a value of each list
-        point = values | dict(zip(lists, picked, strict=True))
-        options = {**usual, **{k: x for k, x in point.items() if k not in CHOSEN}}
-        yield Variant("/".join([name, *map(str, picked)]), str(point["integrator"]), str(point["stabilization"]), options)
+        chosen = values | dict(zip(lists, picked, strict=True))
+        options = {**usual, **{key: x for key, x in chosen.items() if key not in CHOSEN}}
+        yield Variant("/".join([name, *map(str, picked)]), str(chosen["integrator"]), str(chosen["stabilization"]), options)
 
 
 def _is_choice(value: Any, usual: Any) -> bool:
-    """Tell whether a value lists alternatives; if the knob's usual value is itself a list, only a list of lists does."""
+    """Tell whether a value is a list of alternatives; for a knob whose usual value is a list, it must be a list of lists."""
     return isinstance(value, list) and (not isinstance(usual, list) or all(isinstance(x, list) for x in value))
 
 
-def require(good: bool, place: str, otherwise: str) -> None:
-    """Raise a VariantError that names the place in the file, unless `good`."""
-    if not good:
-        raise VariantError(f"{place}: {otherwise}")
+def require(condition: bool, place: str, fault: str) -> None:
+    """Raise a VariantError with the place in the file and the fault, unless the condition is true."""
+    if not condition:
+        raise VariantError(f"{place}: {fault}")
 
 
 def _require_known(line: Line, names: tuple[str, ...], place: str) -> None:
     """Refuse a table of the file that has a key other than `names`."""
     for name in line:
-        require(name in names, place, f"{name} is no knob: nothing says what it is and where it comes from")
+        require(name in names, place, f"{name} is no knob that is allowed here; there are {', '.join(names)}")
 
 
 def _read_cause(text: Any, place: str) -> str:
-    """Return the cause that an exception (`soft` or [[unfinished]]) states; a VariantError if it is no text or too short."""
+    """Return the cause that `soft` or [[unfinished]] states; a VariantError if it is no text, or shorter than a reason."""
     require(isinstance(text, str) and len(text) >= MIN_REASON_LENGTH, place, f"gives no cause: {text}")
     return str(text)

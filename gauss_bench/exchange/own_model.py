@@ -12,7 +12,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.adapter import Mujoco
 from gauss_bench.engines.mujoco.compiled import compile_file
-from gauss_bench.engines.mujoco.own_model import INTEGRATORS, OwnModelRun, Seen
+from gauss_bench.engines.mujoco.own_model import INTEGRATORS, LinkMap, OwnModelRun
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.from_mjcf import make_reader
 from gauss_bench.exchange.planar import Flattened
@@ -45,8 +45,8 @@ def splice_includes(root: Element, path: Path, folder: Path, seen: set[Path]) ->
     return root
 
 
-def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
-    """Return how the poses of a mechanism's links follow from the state of the MuJoCo model from which the mechanism was made."""
+def locate_links(flattened: Flattened, mechanism: Mechanism) -> LinkMap:
+    """Return how the poses of a mechanism's links follow from the state of MuJoCo's model, from which it was made."""
     spatial, plane = flattened.spatial, flattened.plane
     # angles of the links = angles when all joint coordinates are zero + turns @ joint coordinates; a slide has a column of zeros
     turns = np.zeros((len(flattened.links), len(spatial.joints)))
@@ -60,7 +60,7 @@ def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
     refs = np.array([joint.ref for joint in spatial.joints])  # joint coordinates in the configuration of the file
     at_refs = np.array([flattened.frames[link][1] for link in flattened.links])  # angles of the links in this configuration
     axes = np.array([plane.x, plane.y, plane.normal])
-    return Seen(tuple(flattened.links), locals=np.array(places), plane=axes, angles=at_refs - turns @ refs, turns=turns)
+    return LinkMap(tuple(flattened.links), locals=np.array(places), plane=axes, angles=at_refs - turns @ refs, turns=turns)
 
 
 @dataclass(frozen=True, eq=False)

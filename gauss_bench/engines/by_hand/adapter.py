@@ -1,4 +1,4 @@
-"""Two kinds of linkage, with equations derived on paper and written in C, as an expert would do to make one linkage fast.
+"""The engine `by_hand`: equations of two kinds of linkage, derived on paper and written in C, as an expert would for speed.
 
 The derivations are `crank_slider.c` and `four_bar.c`: trigonometry closes the loop, and Lagrange's equation is written in the angle
 of the crank, the only degree of freedom. The head of `loops.py` names the loads that they cover. The velocities and accelerations
@@ -26,7 +26,7 @@ from gauss_bench.terms import Array
 FOLDER = Path(__file__).parent
 SETTINGS = {"default": {"compiler_flags": " ".join(FLAGS)}}
 AGREEMENT = 1e-9  # relative: rounding and the closure of the start cause about 1e-13, a wrong term about 1
-CHECKED = 0.3  # [rad] the model is checked at the start and at crank angles that differ from the start's by this angle
+CHECKED = 0.3  # [rad] the model is checked at the start and at crank angles that differ from the start by this angle
 
 
 class ByHand:
@@ -68,6 +68,7 @@ class ByHandModel(CompiledSteps):
     note = "one coordinate, derived by hand, in C"
 
     def __init__(self, mechanism: Mechanism, loop: Loop, choice: Choice):
+        """Compile the C file of a loop with the loop's numbers as constants, and compare the result with the linkage."""
         self.mechanism, self.loop, self.choice, self.evaluator = mechanism, loop, choice, Evaluator(mechanism)
         numbers = "\n".join(f"static const double {name} = {float(value)!r};" for name, value in loop.numbers.items())
         self.code = Code(f"{numbers}\n{(FOLDER / loop.source).read_text(encoding='utf-8')}", n=1)
@@ -101,18 +102,21 @@ class ByHandModel(CompiledSteps):
     def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
         """Return q, v, a (k, n) of all links at crank angles x (k, 1) and speeds dx (k, 1)."""
         q = self._place_links(x[:, 0])
-        second = np.array([self.code.acceleration(0.0, *state)[0] for state in zip(x, dx, strict=True)])
+        crank_accelerations = np.array([self.code.acceleration(0.0, *state)[0] for state in zip(x, dx, strict=True)])
         # J v = 0 and the crank's speed determine v; then J a = gamma(q, v) and the crank's acceleration determine a
         at_rest = self.evaluator.constraints(0.0, q, np.zeros_like(q))
         v = self._solve(at_rest.J, 0 * at_rest.gamma, dx[:, 0])
         moving = self.evaluator.constraints(0.0, q, v)
-        return q, v, self._solve(moving.J, moving.gamma, second)
+        return q, v, self._solve(moving.J, moving.gamma, crank_accelerations)
 
     def _solve(self, J: Array, right: Array, crank: Array) -> Array:
-        """Solve J x = right (k, m) for the velocities or accelerations x (k, n) of all links; `crank` (k,) is the crank's entry."""
-        row = np.broadcast_to(np.eye(self.mechanism.n)[self.crank], (len(J), 1, self.mechanism.n))
-        ends = np.concatenate([right, crank[:, None]], axis=1)
-        return np.asarray(np.linalg.solve(np.concatenate([J, row], axis=1), ends[..., None])[..., 0])
+        """Solve the n equations J x = right (k, m = n - 1) and x_c = crank (k,), where x_c is the entry of the crank's angle in x.
+
+        Return x (k, n): velocities or accelerations of all links.
+        """
+        crank_row = np.broadcast_to(np.eye(self.mechanism.n)[self.crank], (len(J), 1, self.mechanism.n))
+        right = np.concatenate([right, crank[:, None]], axis=1)
+        return np.asarray(np.linalg.solve(np.concatenate([J, crank_row], axis=1), right[..., None])[..., 0])
 
     def _place_links(self, th: Array) -> Array:
         """Return q (k, n) at crank angles th (k,): each link is placed at its pin with the previous link of the chain."""
@@ -127,10 +131,10 @@ class ByHandModel(CompiledSteps):
         return q
 
     def _angles(self, th: Array) -> Array:
-        """Return the link angles (k, 3) [rad] at crank angles (k,); those of the two links after the crank up to whole turns."""
-        lines, out = np.empty((len(th), 3)), np.zeros(2)
+        """Return the link angles (k, 3) [rad] at crank angles th (k,); those of the second and third link up to whole turns."""
+        lines, others = np.empty((len(th), 3)), np.zeros(2)
         for row, x in zip(lines, th, strict=True):
-            self.code.library.line_angles(ctypes.c_double(x), ctypes.c_void_p(out.ctypes.data))
-            row[:] = x, *out
+            self.code.library.line_angles(ctypes.c_double(x), ctypes.c_void_p(others.ctypes.data))
+            row[:] = x, *others
         # the C code gives the angles of the lines from pin to pin; loop.lines are the angles of these lines in the links' frames
         return lines - self.loop.lines

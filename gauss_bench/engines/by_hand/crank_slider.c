@@ -6,6 +6,8 @@
 
 #include <math.h>
 
+/* s, c and sp, cp: sine and cosine of th and of the rod's angle phi; p, pp: first and second derivative of phi by th; x, y: the
+   rod's centre; b: the x coordinate of the slider's pin; xp, xpp and so on: first and second derivatives by th */
 typedef struct { double s, c, sp, cp, p, pp, x, y, xp, yp, xpp, ypp, b, bp, bpp; } Pose;
 
 static inline Pose pose(double th)

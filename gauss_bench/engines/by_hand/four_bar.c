@@ -1,12 +1,14 @@
 /* A four-bar in its crank's angle th: J w' + H w^2 = Q.
 
-   Numbers (SI) come before this file: pivots (OX, OY) and (DX, DY), crank R, coupler L, rocker S, SIDE = which of the two
-   closures; inertias J1 and J3 of crank and rocker about their pivots; coupler M2, I2 with its centre (A2, B2) from the crank's pin
-   in the frame along the coupler; gravity (GX, GY), weight moments of the crank W1C, W1S and of the rocker W3C, W3S; constant torque
+   Numbers (SI) come before this file: pivots (OX, OY) and (DX, DY), crank R, coupler L, rocker S, the sign SIDE of the
+   closure; inertias J1, J3 of crank and rocker about their pivots; coupler M2, I2 with its centre (A2, B2) from the crank's pin in
+   the frame along the coupler; gravity (GX, GY), weight moments of the crank W1C, W1S and of the rocker W3C, W3S; constant torque
    T and damping D on the crank. */
 
 #include <math.h>
 
+/* s, c; sp, cp; sr, cr: sine and cosine of th, of the coupler's angle phi and of the rocker's angle psi; p, pp and r, rp: first and
+   second derivatives of phi and psi by th; x, y: the coupler's centre; xp, xpp and so on: first and second derivatives by th */
 typedef struct { double s, c, sp, cp, sr, cr, p, pp, r, rp, x, y, xp, yp, xpp, ypp; } Pose;
 
 static inline Pose pose(double th)

@@ -1,4 +1,4 @@
-"""The numbers of a linkage that the equations derived by hand need, or the reason why these equations do not cover the linkage.
+"""Recognise a crank-slider or a four-bar, and compute the numbers that the equations derived by hand need.
 
 A crank-slider has a crank on a ground pin, a rod, and a slider on a level guide of the ground; a four-bar has a second ground pin
 in the slider's place. Loads: gravity, a constant torque and damping on the crank, and on the slider a spring and damper along x.
@@ -60,9 +60,10 @@ def loop_of(mechanism: Mechanism) -> Loop:
         Underived: the linkage is neither a crank-slider nor a four-bar, or it has a load that the derived equations do not include.
     """
     crank, pins = mechanism.crank, mechanism.pins
-    constrained = mechanism.drivers or mechanism.constraints or mechanism.has_friction
-    if crank is None or constrained or len(mechanism.links) != 3 or len(mechanism.joints) != 4:
-        raise Underived("only loops of three links with a crank, moved by loads alone, are derived by hand")
+    is_constrained = mechanism.drivers or mechanism.constraints or mechanism.has_friction
+    if crank is None or is_constrained or len(mechanism.links) != 3 or len(mechanism.joints) != 4:
+        raise Underived("only loops of three links with a crank, without drivers, couplings and dry friction, are derived by hand")
+    # the link that is pinned to the crank; if there is none, the crank itself, which has no pin with itself and is refused below
     second = next((k for k in range(3) if k != crank and _find_pin(pins, crank, k)), crank)
     third = 3 - crank - second  # the indices of the three links are 0, 1 and 2
     pivot, crank_pin, far_pin = _find_pin(pins, GROUND, crank), _find_pin(pins, crank, second), _find_pin(pins, second, third)
@@ -95,8 +96,8 @@ def loop_of(mechanism: Mechanism) -> Loop:
         numbers |= {"S": float(np.linalg.norm(rocker_line))} | _vector("D", ground_pin.before.local)
         numbers |= _weights("3", mechanism, third, ground_pin.own, far_pin.own)
         numbers |= _loads(mechanism, crank, None, far_pin.own)
-        start = position(mechanism.q0, crank_pin.before)
-        to_ground, to_far = ground_pin.before.local - start, position(mechanism.q0, far_pin.before) - start
+        crank_end = position(mechanism.q0, crank_pin.before)
+        to_ground, to_far = ground_pin.before.local - crank_end, position(mechanism.q0, far_pin.before) - crank_end
         # positive if the far pin is to the left of the line from the crank's pin to the ground's second pin
         side = to_ground[0] * to_far[1] - to_ground[1] * to_far[0]
     numbers["SIDE"] = float(np.sign(side))  # selects the one of the two closures in which the linkage starts
@@ -118,7 +119,7 @@ def _angle(x: Array) -> float:
 
 
 def _vector(name: str, x: Array) -> dict[str, float]:
-    """Return the components of a vector under the names that the derivations give them."""
+    """Return the components of a vector as constants of the C file: `name` followed by X and by Y."""
     return {f"{name}X": float(x[0]), f"{name}Y": float(x[1])}
 
 
@@ -140,7 +141,7 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
     The spring acts at the slider's pin; a four-bar (`slider` is None) has none.
 
     Raises:
-        Underived: another load acts.
+        Underived: another load acts, or a second spring.
     """
     coefficients = {"T": 0.0, "D": 0.0}
     if slider is not None:
@@ -148,7 +149,7 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
     for name, load in ((force.name, load) for force in mechanism.forces for load in loads([force])):
         match load:
             case Law(inverse_square=s) if s:
-                raise Underived(f"a force that falls with the square of a distance is not derived by hand ({name})")
+                raise Underived(f"the derivation by hand does not include the inverse square law {name}")
             case Law(Angle(a, b), k=0, c=c, bias=bias) if {a, b} == {GROUND, crank}:
                 coefficients["T"] += bias if b == crank else -bias
                 coefficients["D"] += c
@@ -159,8 +160,8 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
                 and coefficients["K"] == coefficients["C"] == 0
             ):
                 # from the slider's pin to the point on which the spring acts [m], in the world's axes
-                beside = turn_vector(point.local - pin.local, angle_at(mechanism.q0, point.link))
-                coefficients |= {"K": k, "C": c, "X0": rest + float(origin.local[0]) - float(beside[0])}
+                from_pin = turn_vector(point.local - pin.local, angle_at(mechanism.q0, point.link))
+                coefficients |= {"K": k, "C": c, "X0": rest + float(origin.local[0]) - float(from_pin[0])}
             case _:
-                raise Underived(f"a load acts that the derivation by hand does not have ({name})")
+                raise Underived(f"the derivation by hand does not include the load {name}")
     return coefficients

@@ -6,8 +6,8 @@
     cvodes_adams  the same by Adams' method and functional iteration
     rk4, dop853_fixed   the closed form at equal steps, in CasADi's generated C (`equal_steps`)
 
-H holds the holonomic rows of J. SUNDIALS chooses steps and orders, so `step` has no effect. With projection, the method starts
-again with order 1 and a small step after every sample. Multipliers and accelerations are left out of the error test, as the
+H holds the holonomic rows of J. SUNDIALS chooses steps and orders, so `step` has no effect. With projection, the method is
+restarted with order 1 and a small step after every sample. Multipliers and accelerations are left out of the error test, as the
 documentation of IDAS advises for algebraic variables beyond index 1.
 
 Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange equations with constraints, J. Comput. Appl. Math.
@@ -33,15 +33,15 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 # Absolute tolerance of algebraic variables, so large that Newton's convergence test ignores them. In index 2 their errors grow like
 # 1/h. At a state that was just projected they are exact already, and IDAS' iteration for them fails.
 LOOSE = 1e9
-REASONS = {  # end of a SUNDIALS error code -> its meaning
+REASONS = {  # error code of SUNDIALS without its prefix IDA_ or CV_ -> its meaning
     "TOO_MUCH_WORK": "too many steps between two samples",
-    "CONV_FAIL": "Newton's iteration does not converge, as where constraint rows lose their rank",
-    "CONV_FAILURE": "the iteration does not converge, as where constraint rows lose their rank",
-    "ERR_FAIL": "the error test fails however small the step",
-    "ERR_FAILURE": "the error test fails however small the step",
+    "CONV_FAIL": "Newton's iteration does not converge, perhaps because constraint rows lose their rank",
+    "CONV_FAILURE": "the iteration does not converge, perhaps because constraint rows lose their rank",
+    "ERR_FAIL": "the error test fails even with the smallest step",
+    "ERR_FAILURE": "the error test fails even with the smallest step",
     "LSETUP_FAIL": "the matrix of Newton's iteration is singular",
     "LSOLVE_FAIL": "the matrix of Newton's iteration is singular",
-    "TOO_MUCH_ACC": "the tolerances ask for more digits than doubles have",
+    "TOO_MUCH_ACC": "the tolerances are smaller than the rounding error of doubles",
 }
 
 
@@ -63,7 +63,7 @@ class Casadi(LibraryEngine, beside=__file__):
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         if choice.integrator == "idas_ggl" and choice.stabilization != "none":
-            return "the stabilised index 2 form keeps the constraints by itself"
+            return "the stabilised index 2 form satisfies the constraints without a stabilisation"
         if choice.integrator in METHODS and choice.stabilization == "projection":
             return "equal steps are generated without a projection"
         return reason_to_refuse(mechanism)
@@ -82,14 +82,15 @@ class CasadiModel:
 
     Attributes:
         solve: function (t, q, v) -> accelerations (n,), multipliers (m,).
-        system: the system as CasADi's integrators take it: ode, alg, x, z, t and the parameter p.
+        system: the system in the form of CasADi's integrators: ode, alg, x, z, t and the parameter p.
         x: (k, 2n) samples, each q and then v.
-        spans: length [s] of every interval between samples if the integrator is called once for each interval; empty if one call
-            integrates the whole run.
+        spans: lengths [s] of the intervals between samples, with projection; otherwise empty, because one call integrates the whole
+            run.
         integrators: length [s] of an interval between samples -> the interval's integrator; the key 0 stands for the whole run.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Write the accelerations as a CasADi function, and the equations of motion as a system for CasADi's integrators."""
         import casadi
 
         from gauss_bench.engines.casadi.equations import equations, solution
@@ -102,9 +103,9 @@ class CasadiModel:
         self.system = self._write_system(e)
 
     def _write_system(self, e: Any) -> dict[str, Any]:
-        """Return the system for CasADi's integrators, in the form of the head of this file; `e` are the `Equations`.
+        """Return the system for CasADi's integrators, as written at the head of this file; `e` are the `Equations`.
 
-        The start time of the system is a parameter, so that intervals of equal length share an integrator.
+        The start time of the system is a parameter, so intervals of equal length share an integrator.
         """
         from gauss_bench.engines.casadi.equations import solution, stabilize
 
@@ -117,7 +118,7 @@ class CasadiModel:
             a, multipliers = ca.SX.sym("a", n), ca.SX.sym("multipliers", e.c.shape[0])
             motion = e.mass * a + e.J.T @ multipliers - e.Q
             system = {"z": ca.vertcat(a, multipliers), "ode": ca.vertcat(e.v, a), "alg": ca.vertcat(motion, e.J @ a - e.gamma)}
-            # Gear, Gupta and Leimkuhler: J^T mu is added to q', so that mu keeps the positions, and the multipliers the velocities
+            # Gear, Gupta and Leimkuhler: -H^T mu is added to q'; mu enforces phi = 0, and the multipliers enforce c = 0
             if self.choice.integrator == "idas_ggl":
                 mu = ca.SX.sym("mu", e.phi.shape[0])
                 system["z"] = ca.vertcat(system["z"], mu)
@@ -134,13 +135,13 @@ class CasadiModel:
         """Reset to the start and make the integrators; `native` has no effect."""
         self.times, self.steps, self.evaluations = times, 0, 0
         (self.x,) = sample_arrays(times, np.concatenate([self.mechanism.q0, self.mechanism.v0]))
-        grids: dict[float, list[float]] = {}  # length of an interval -> times [s] at which its integrator returns states
+        grids: dict[float, list[float]] = {}  # key of an integrator -> times [s] at which it returns states
         self.spans: list[float] = []
         if self.choice.stabilization == "projection":
             self.spans = [float(f"{x:.12g}") for x in np.diff(times)]  # rounded, so that equal intervals share an integrator
             grids = {x: [x] for x in self.spans}
         elif len(times) > 1:
-            grids = {0.0: list(times[1:] - times[0])}  # one integrator returns all samples; its key 0.0 is not a length
+            grids = {0.0: list(times[1:] - times[0])}  # one integrator returns all samples
         self.integrators = {x: self._make_integrator(grid) for x, grid in grids.items()}
 
     def _make_integrator(self, grid: list[float]) -> Any:
@@ -152,10 +153,10 @@ class CasadiModel:
             options |= {k.removeprefix("idas."): x for k, x in self.options.items() if k.startswith("idas.")}
         if method == "adams":
             options |= {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}
-        if method == "ggl":  # IDAS can compute a consistent start in index 1 only; this start is consistent already
+        if method == "ggl":  # IDAS can compute consistent initial values in index 1 only; these are consistent already
             a0 = self._solve_algebraic(float(self.times[0]), self.x[0])[: self.mechanism.n]
             options |= {"calc_ic": False, "init_xdot": [*self.mechanism.v0, *a0]}
-        if method == "ggl" or (kind == "idas" and self.spans):
+        if method == "ggl" or (kind == "idas" and self.spans):  # in index 2, and with projection: see LOOSE
             options["abstolv"] = [options["abstol"]] * (2 * self.mechanism.n) + [LOOSE] * self.system["z"].shape[0]
         return self.ca.integrator("integrator", kind, self.system, 0.0, grid, options)
 
@@ -164,14 +165,13 @@ class CasadiModel:
         if "z" not in self.system:
             return np.zeros(0)
         n, size = self.mechanism.n, self.system["z"].shape[0]
-        solved = np.concatenate([np.array(part)[:, 0] for part in self.solve(t, x[:n], x[n:])])
-        return np.pad(solved, (0, size - len(solved)))  # only some systems have corrections
+        a_and_multipliers = np.concatenate([np.array(part)[:, 0] for part in self.solve(t, x[:n], x[n:])])
+        return np.pad(a_and_multipliers, (0, size - len(a_and_multipliers)))  # only the system of idas_ggl has corrections
 
     def run(self) -> None:
         """Integrate the whole run in one call, or from sample to sample with projection."""
         n = self.mechanism.n
-        # there are spans only with projection; both tables are empty if there is nothing to integrate
-        if self.integrators and not self.spans:
+        if self.integrators and not self.spans:  # no projection, and more than one sample
             self.x[1:] = self._integrate(0.0, float(self.times[0]), self.x[0])
         for k, span in enumerate(self.spans):
             x = self._integrate(span, float(self.times[k]), self.x[k])[-1]
@@ -182,7 +182,11 @@ class CasadiModel:
     def _integrate(self, span: float, t: float, x: Array) -> Array:
         """Return the states (k, 2n) at the k times of an integrator's grid, from the state x (2n,) at time t [s].
 
-        `span` is the key of the integrator in `integrators`. RunFailure is raised if SUNDIALS gives up.
+        Args:
+            span: key of the integrator in `integrators`.
+
+        Raises:
+            RunFailure: SUNDIALS cannot reach the end of the grid.
         """
         integrator = self.integrators[span]
         try:
@@ -209,6 +213,6 @@ class CasadiModel:
 
 def explain(text: str, integrator: str) -> str:
     """Return a sentence for the text of a CasADi exception: the meaning of its SUNDIALS error code, or its last line."""
-    code = re.search(r'"(?:IDA|CV)_(\w+)"', text)
+    code = re.search(r'"(?:IDA|CV)_(\w+)"', text)  # such as "IDA_TOO_MUCH_WORK"
     reason = REASONS.get(code[1], code[0].strip('"')) if code else text.strip().splitlines()[-1]
     return f"{integrator} gave up: {reason}"

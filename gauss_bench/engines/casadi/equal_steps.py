@@ -31,6 +31,7 @@ class EqualSteps(CompiledSteps):
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
+        """Write the accelerations as CasADi functions, and the steps in generated C or for CasADi's virtual machine."""
         import casadi
 
         from gauss_bench.engines.casadi.equations import equations, solution, stabilize
@@ -41,7 +42,7 @@ class EqualSteps(CompiledSteps):
         self.plain = casadi.Function("plain", [e.t, e.q, e.v], [solution(e)[0]])
         if choice.stabilization == "baumgarte":
             e = stabilize(e, options["baumgarte_alpha_beta_per_s"])
-        self.integrated = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])
+        self.integrated = casadi.Function("integrated", [e.t, e.q, e.v], [solution(e)[0]])
         generated = options["code"] == GENERATED and compiler() is not None
         self.advance = self._compile_steps() if generated else self._interpret_steps()
         self.note = "CasADi's generated C" if generated else "CasADi's virtual machine"
@@ -49,17 +50,18 @@ class EqualSteps(CompiledSteps):
             self.note += f": {NO_COMPILER}"
 
     def _compile_steps(self) -> Advance:
-        """Return the function `advance`, compiled from generated C; the C function `used` is `integrated`."""
+        """Return the function `advance`, compiled from the C code that CasADi generates for the function `integrated`."""
         generator = self.ca.CodeGenerator("engine")
         generator.add(self.integrated)
         f, n = self.integrated, self.mechanism.n
+        # CasADi's C functions take lists of pointers to inputs and outputs, and two work arrays; C has no arrays of length 0
         call = f"""
 static void acceleration(double t, const double *q, const double *v, double *a)
 {{
     const double *in[{f.sz_arg()}] = {{&t, q, v}};
     double *out[{f.sz_res()}] = {{a}}, work[{max(1, f.sz_w())}];
-    casadi_int whole[{max(1, f.sz_iw())}];
-    used(in, out, whole, work, 0);
+    casadi_int integers[{max(1, f.sz_iw())}];
+    integrated(in, out, integers, work, 0);
 }}
 """
         return partial(Code(generator.dump() + call, n).step, self.choice.integrator)
@@ -75,11 +77,11 @@ static void acceleration(double t, const double *q, const double *v, double *a)
             """Take `count` steps of `size` [s], at most CHUNK of them in one call, and overwrite q and v (n,)."""
             state = np.concatenate([q, v, [t]])
             while count:
-                part = min(count, CHUNK)
-                if part not in chains:
-                    chains[part] = step.mapaccum(f"steps{part}", part)
-                state = np.array(chains[part](state, np.full((1, part), size)))[:, -1]
-                count -= part
+                chunk = min(count, CHUNK)
+                if chunk not in chains:
+                    chains[chunk] = step.mapaccum(f"steps{chunk}", chunk)
+                state = np.array(chains[chunk](state, np.full((1, chunk), size)))[:, -1]
+                count -= chunk
             q[:], v[:] = state[:n], state[n : 2 * n]
 
         return advance

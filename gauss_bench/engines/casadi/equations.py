@@ -53,10 +53,12 @@ class Symbols(ConstraintPlacement):
         self.arithmetic = _Arithmetic()
 
     def body(self, body: int) -> tuple[list[Symbol], list[Symbol]]:
+        """Return x, y and angle of a body, and their rates."""
         q, v = ([x[k] for k in range(x.shape[0])[slots(body)]] for x in (self.q, self.v))
         return q, v
 
     def law(self, law: MotionLaw) -> Motion:
+        """Return the value of a motion law at time t and its first two derivatives."""
         x = write_law(law, self.t)
         rate = ca.jacobian(x, self.t)
         return x, rate, ca.jacobian(rate, self.t)
@@ -76,10 +78,10 @@ def equations(mechanism: Mechanism) -> Equations:
     """Return the equations of a mechanism without dry friction; the mechanism's numbers may be symbols too."""
     n = mechanism.n
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", n), ca.SX.sym("v", n)
-    at = Symbols(t, q, v)
-    every = list(rows(mechanism, at))  # m constraint rows
-    J, gamma = ca.SX(len(every), n), stack([row.gamma for row in every])
-    for i, row in enumerate(every):
+    symbols = Symbols(t, q, v)
+    constraint_rows = list(rows(mechanism, symbols))  # m of them
+    J, gamma = ca.SX(len(constraint_rows), n), stack([row.gamma for row in constraint_rows])
+    for i, row in enumerate(constraint_rows):
         for k, x in row.entries.items():
             J[i, k] = x
     J = ca.sparsify(J)
@@ -90,13 +92,13 @@ def equations(mechanism: Mechanism) -> Equations:
             Q[k] = link.mass * g
             potential -= link.mass * g * q[k]
     for load in loads(mechanism.forces):
-        for k, x in generalise(at, load).items():
+        for k, x in generalise(symbols, load).items():
             Q[k] += x
-        load_potential, load_power = energies(at, load)
+        load_potential, load_power = energies(symbols, load)
         potential, power = potential + load_potential, power + load_power
     mass = stack([x for link in mechanism.links for x in (link.mass, link.mass, link.inertia)])
-    phi = stack([row.phi for row in every if row.phi is not None])
-    c = J @ v + stack([row.phi_t for row in every])
+    phi = stack([row.phi for row in constraint_rows if row.phi is not None])
+    c = J @ v + stack([row.phi_t for row in constraint_rows])
     return Equations(t, q, v, phi, c, mass, J, gamma, Q, potential, power)
 
 
@@ -114,13 +116,13 @@ def solution(e: Equations) -> tuple[Symbol, Symbol]:
     return (e.Q - e.J.T @ multipliers) / e.mass, multipliers
 
 
-def stack(rows: list[Symbol]) -> Symbol:
+def stack(entries: list[Symbol]) -> Symbol:
     """Return symbols as one column; an empty list gives an empty column."""
-    return ca.vertcat(ca.SX(0, 1), *rows)
+    return ca.vertcat(ca.SX(0, 1), *entries)
 
 
 def write_law(law: MotionLaw, t: Symbol) -> Symbol:
-    """Return the value of a motion law at t; CasADi differentiates it."""
+    """Return the value of a motion law at time t as an expression, which CasADi can differentiate."""
     numbers = law.numbers
     if law.name == "constant":
         return numbers["start"] + numbers["speed"] * t
@@ -136,11 +138,11 @@ def write_law(law: MotionLaw, t: Symbol) -> Symbol:
 
 
 def cubic_spline(times: Any, values: Any, t: Symbol) -> Symbol:
-    """Return at t the cubic spline through the values at the times; it is at rest at both ends, and before and after them."""
+    """Return the value at t of the cubic spline through `values` at `times`, with zero slope at both ends; constant beyond them."""
     from scipy.interpolate import CubicSpline  # imported late: the import takes longer than most runs
 
     spline = CubicSpline(times, values, bc_type="clamped")
-    inner = spline.x[1:-1]
+    inner = spline.x[1:-1]  # the times at which two pieces meet
     # four coefficients of the piece at t, the highest power first, and the time at which the piece begins
     a, b, c, d, begin = (ca.pw_const(t, inner, ca.DM(x)) if len(inner) else ca.SX(x[0]) for x in (*spline.c, spline.x[:-1]))
     s = t - begin

@@ -9,8 +9,8 @@ import numpy as np
 from gauss_bench.engines.shared import unsteady
 from gauss_bench.mechanism.model import Mechanism, loads
 
-PARAMETERS = {  # table of a linkage file -> its numbers that can be parameters of the functions
-    "gravity": ("gravity.x", "gravity.y"),
+GRAVITY = ("gravity.x", "gravity.y")  # parameters of the functions that belong to no link, force or joint
+PARAMETERS = {  # table of a linkage file -> numbers of its items that can be parameters of the functions
     "links": ("mass", "inertia"),
     "forces": ("value", "value.x", "value.y", "k", "c", "rest"),
     "joints": ("offset",),
@@ -65,11 +65,11 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
     if len(set(parameters)) < len(parameters):
         raise ValueError(f"{mechanism.name}: a parameter is named twice in {', '.join(parameters)}")
     p = ca.SX.sym("p", len(parameters))
-    opened, values = mechanism, []
+    with_symbols, values = mechanism, []
     for k, name in enumerate(parameters):
-        opened, value = replace_number(opened, name, p[k])
+        with_symbols, value = replace_number(with_symbols, name, p[k])
         values.append(value)
-    e = equations(opened)
+    e = equations(with_symbols)
     states = {"t": e.t, "q": e.q, "v": e.v}
 
     def function(name: str, inputs: str, **outputs: Any) -> Any:
@@ -107,22 +107,26 @@ def reason_to_refuse(mechanism: Mechanism) -> str | None:
 
 
 def replace_number(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechanism, float]:
-    """Return the mechanism with `symbol` in the place of the number called `name`, as in `functions`, and its value.
+    """Return the mechanism with a symbol in the place of one of its numbers, and this number.
+
+    Args:
+        name: name of the number, as in `functions`: TABLE.ITEM.FIELD, with .x or .y for a component, or gravity.x and gravity.y.
 
     Raises:
         ValueError: the mechanism has no number of that name.
     """
     table, _, rest = name.partition(".")
-    owner, _, key = ("", "", f"gravity.{rest}") if table == "gravity" else rest.partition(".")
+    if name in GRAVITY:
+        return _replace_field(mechanism, name, symbol)
+    owner, _, key = rest.partition(".")
     if key not in PARAMETERS.get(table, ()):
         raise ValueError(f"{mechanism.name}: no parameter {name!r}; see the documentation for the names")
-    if table == "gravity":
-        return _replace_field(mechanism, key, symbol)
     items = list(getattr(mechanism, table))
     for k, item in enumerate(items):
         value = getattr(item, key.partition(".")[0], None)
         # the `value` of a force at a point is a vector, or a list if a component is already a symbol; that of a torque is a number
-        if item.name == owner and value is not None and isinstance(value, (list, np.ndarray)) == ("." in key):
+        is_vector = isinstance(value, (list, np.ndarray))
+        if item.name == owner and value is not None and is_vector == ("." in key):
             items[k], number = _replace_field(item, key, symbol)
             change: dict[str, Any] = {table: tuple(items)}
             return replace(mechanism, **change), number

@@ -1,4 +1,4 @@
-"""Cases by which CasADi's releases are compared besides the adapter's runs: linear solvers, other integrators, and the defaults.
+"""Cases that compare CasADi's releases beyond the adapter's runs: linear solvers, integrators, and default options.
 
 Each linear solver of a release solves the KKT system of the four-bar for its accelerations.
 """
@@ -22,6 +22,7 @@ ASSUMED: dict[str, dict[str, Any]] = {  # integrator -> option -> the value that
 }
 ROOTS = ("newton", "fast_newton", "kinsol", "nlpsol")
 FOUR = "wide_four_bar"
+# kind of plugins -> CasADi's name of the kind, and names of plugins
 PLUGINS = {"linear solver": ("Linsol", LINEAR), "integrator": ("Integrator", tuple(ASSUMED)), "rootfinder": ("Rootfinder", ROOTS)}
 
 
@@ -31,20 +32,21 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the four-bar at states q, v (k, n) for a case of `list_probes`.
+    """Return the absolute accelerations (k, n) of the four-bar at states q, v (k, n) by a linear solver of CasADi.
 
-    The last word of its name is the linear solver.
+    Args:
+        name: name of a case of `list_probes`, whose last word is the linear solver.
     """
     import casadi as ca
 
     solver = name.rpartition(" ")[2]
     if not ca.has_linsol(solver):
         raise RuntimeError(f"CasADi {ca.CasadiMeta.version()} has no linear solver {solver}")
-    solve = accelerations(ca, solver)
+    solve = make_accelerations(ca, solver)
     return np.array([np.array(solve(*state))[:, 0] for state in zip(q, v, strict=True)])
 
 
-def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
+def make_accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
     """Return a CasADi function (q, v) -> accelerations (n,) of the four-bar FOUR_BAR, in absolute coordinates x, y, angle per bar.
 
     It solves M a + J^T lambda = Q, J a = -(d(J v)/dq) v by CasADi's linear solver `solver`; CasADi computes the derivatives.
@@ -54,14 +56,15 @@ def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
     masses = [x for bar in FOUR_BAR for x in (bar.mass, bar.mass, bar.inertia)]
     loads = [x for bar in FOUR_BAR for x in (0.0, bar.mass * GRAVITY, 0.0)]
 
-    def pin(k: int, at: float) -> Any:
-        """Return the place (2,) of the point `at` [m] along bar k."""
-        along = at - FOUR_BAR[k].centre
+    def place_on_bar(k: int, distance: float) -> Any:
+        """Return the place (2,) of the point of bar k at a distance [m] from its first pin."""
+        along = distance - FOUR_BAR[k].centre
         return ca.vertcat(q[3 * k] + along * ca.cos(q[3 * k + 2]), q[3 * k + 1] + along * ca.sin(q[3 * k + 2]))
 
-    gaps = [pin(1, FOUR_BAR[1].length) - pin(2, FOUR_BAR[2].length)]
+    gaps = [place_on_bar(1, FOUR_BAR[1].length) - place_on_bar(2, FOUR_BAR[2].length)]
     for k, bar in enumerate(FOUR_BAR):
-        gaps.append(pin(k, 0.0) - (ca.DM([bar.at, 0.0]) if bar.parent < 0 else pin(bar.parent, bar.at)))
+        on_parent = ca.DM([bar.at, 0.0]) if bar.parent < 0 else place_on_bar(bar.parent, bar.at)
+        gaps.append(place_on_bar(k, 0.0) - on_parent)
     phi = ca.vertcat(*gaps)
     J = ca.jacobian(phi, q)
     gamma = -ca.jtimes(J @ v, q, v)
@@ -70,10 +73,10 @@ def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
 
 
 def defaults() -> dict[str, str]:
-    """Return name -> value of plugins and default options of the installed release of CasADi.
+    """Return name -> finding for the plugins and default options of the installed release of CasADi.
 
-    The name of an available plugin has the value "there". The name of an integrator and its option has the value "acts as X" if a
-    run without the option equals a run with the option's value X in ASSUMED, and otherwise "acts otherwise than X".
+    For each available plugin the finding is "there". For each option of an integrator it is "acts as X" if a run without the option
+    equals a run with the option's value X in ASSUMED, and otherwise "acts otherwise than X".
     """
     import casadi as ca
 
@@ -92,9 +95,9 @@ def defaults() -> dict[str, str]:
 
 
 def integrate(ca: Any, name: str, options: dict[str, Any]) -> tuple[list[int], list[float]]:
-    """Integrate van der Pol's oscillator; return the counts of steps and evaluations, and the state (2,) at the end.
+    """Integrate van der Pol's oscillator over 5 s; return the counts of steps and evaluations, and the state (2,) at the end.
 
-    Runs show the defaults, because CasADi's built-in documentation describes much older releases before release 3.7.
+    Runs show the defaults. The built-in documentation does not: before release 3.7 it is that of much older releases.
     """
     x = ca.SX.sym("x", 2)
     ode = ca.vertcat(x[1], (1 - x[0] ** 2) * x[1] - x[0])

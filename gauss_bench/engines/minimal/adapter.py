@@ -1,13 +1,12 @@
 """The engine `minimal`: the equation of motion of a linkage with one degree of freedom, in one independent coordinate.
 
 The positions of the links follow from the coordinate, one pair of links (dyad) after the other. Each dyad can be assembled in two
-positions; the signs that tell which are the branch of the linkage. The opening of a dyad is its distance from its dead centre,
-where the coordinate no longer determines the motion. The equation is generated for the cheapest coordinate whose dyads stay away
-from their dead centres during the whole motion. If there is none, another coordinate and branch, with the largest openings,
-replaces the present one when the opening of one of its dyads falls below `least`.
+positions, which a sign distinguishes; the signs of all dyads are the branch of the linkage. The opening of a dyad measures how far
+it is from its dead centre, where the coordinate no longer determines the motion. The equation is generated for the cheapest
+coordinate whose dyads stay away from their dead centres during the whole motion. If there is none, the coordinate changes during a
+run: when the opening of a dyad falls below `least`, the coordinate and branch with the largest openings replace the present ones.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,8 +18,8 @@ from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.compiled import compiler_version
 from gauss_bench.engines.following import follow, wind
 from gauss_bench.engines.minimal.equation import Equation, write_equation
-from gauss_bench.engines.minimal.machine import Machine, compile_function
-from gauss_bench.engines.minimal.structure import Links, NoWay, ways
+from gauss_bench.engines.minimal.machine import Machine
+from gauss_bench.engines.minimal.structure import DyadSequence, Links, NoSequence, find_sequences
 from gauss_bench.engines.shared import LibraryEngine, finite_acceleration, require_agreement, size, unsteady
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.fixed_step import EVALUATIONS, EqualSteps, equal_runs
@@ -41,9 +40,9 @@ CHECKED = 4  # number of states at which a generated equation is compared with t
 
 
 class Key(NamedTuple):
-    """The key of an equation of motion: its independent coordinate (index in `MinimalModel.ways`) and the signs of its branch."""
+    """The key of an equation of motion: the index of its dyad sequence in `MinimalModel.sequences`, and the signs of its branch."""
 
-    way: int
+    sequence: int
     signs: tuple[float, ...]
 
 
@@ -64,10 +63,10 @@ class Minimal(LibraryEngine, beside=__file__):
             return reason
         for force in mechanism.forces:
             if any(is_spring_on_sum_of_angles(x) for x in loads([force])):
-                return f"the equation in one coordinate has no spring on a sum of angles ({force.name})"
-        try:  # only the exception matters: NoWay has the reason why dyads do not reach all links
-            ways(mechanism)
-        except NoWay as reason:
+                return f"the equation in one coordinate does not support a spring on a sum of angles ({force.name})"
+        try:  # only the exception matters
+            find_sequences(mechanism)
+        except NoSequence as reason:
             return str(reason)
         return None
 
@@ -130,14 +129,14 @@ class MinimalModel:
     """The model of a linkage with one independent coordinate, which another coordinate may replace during a run.
 
     Attributes:
-        ways: the possible choices of the independent coordinate, each with its dyads.
-        walk: sampled states of the linkage's motion.
-        scales: for each way an array (dyads,) by which the openings are divided, so that the largest is 1.
-        signs: for each way the signs (states, dyads) of the openings at the sampled states.
-        open: (ways, states) smallest opening of the dyads of each way at each sampled state, after division by `scales`.
-        steady: indices of the ways whose openings stay above STEADY at all sampled states; each serves for the whole motion.
-        least: smallest opening with which a way is used.
-        first, now: keys of the equation with which a run starts, and of the equation that is integrated at present.
+        sequences: the dyad sequences, one for each possible choice of the independent coordinate.
+        sampled: sampled states of the linkage's motion.
+        scales: for each sequence an array (dyads,) by which the openings are divided, so that the largest is 1.
+        signs: for each sequence the signs (states, dyads) of the openings at the sampled states.
+        smallest_openings: (sequences, states) smallest opening of the dyads, after division by `scales`, at each sampled state.
+        steady: indices of the sequences whose openings stay above STEADY at all sampled states; each serves for the whole motion.
+        least: smallest opening with which a sequence is used.
+        first, present: keys of the equation with which a run starts, and of the equation that is integrated at present.
         y: (2n,) present state in the variables of the present equation: its coordinates q (n,), the independent one first, and
             their rates v (n,).
         tried: keys of the equations that cannot continue from the present state.
@@ -145,56 +144,51 @@ class MinimalModel:
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        self.mechanism, self.choice, self.ways = mechanism, choice, ways(mechanism)
-        self.walk, self.start_angles = manifold_states(mechanism, STATES), angles(mechanism.q0)
-        sampled = Links.of(self.walk.q, self.walk.v)
-        openings = [way.openings(sampled) for way in self.ways]  # (states, dyads) of each way
+        """Measure the openings of all dyad sequences along the motion, and write and check the equation for the start."""
+        self.mechanism, self.choice, self.sequences = mechanism, choice, find_sequences(mechanism)
+        self.sampled, self.start_angles = manifold_states(mechanism, STATES), angles(mechanism.q0)
+        links = Links.of(self.sampled.q, self.sampled.v)
+        openings = [sequence.openings(links) for sequence in self.sequences]  # (states, dyads) of each sequence
         # Openings of RRR and RRP are sines and cosines. That of RPR is a length, which is divided by its largest value.
         self.scales = [
-            np.where([dyad.opening_is_length for dyad in way.dyads], np.abs(opening).max(axis=0), 1.0)
-            for way, opening in zip(self.ways, openings, strict=True)
+            np.where([dyad.opening_is_length for dyad in sequence.dyads], np.abs(opening).max(axis=0), 1.0)
+            for sequence, opening in zip(self.sequences, openings, strict=True)
         ]
         self.signs = [np.sign(x) for x in openings]
-        self.open = np.array([_smallest(x, scale) for x, scale in zip(openings, self.scales, strict=True)])
-        self.steady = [k for k in range(len(self.ways)) if self.open[k].min() > STEADY]
+        self.smallest_openings = np.array([_smallest(x, scale) for x, scale in zip(openings, self.scales, strict=True)])
+        self.steady = [k for k in range(len(self.sequences)) if self.smallest_openings[k].min() > STEADY]
         # smallest opening during the motion if, at each state, the coordinate is used whose smallest opening is largest; `least` is
         # at most half of it, or NARROW, so that where one coordinate reaches `least`, another has larger openings
-        best_opening = float(self.open.max(axis=0).min())
+        best_opening = float(self.smallest_openings.max(axis=0).min())
         self.least = STEADY / 2 if self.steady else min(CHANGE, max(best_opening / 2, NARROW))
         self.equations: dict[Key, Equation] = {}
-        self.evaluators: dict[Key, Callable[[Array], list[Array]]] = {}
         self.machines: dict[Key, Machine] = {}
-        start = int(np.abs(self.walk.q - mechanism.q0).max(axis=1).argmin())  # index of the sampled state nearest to the start
+        start = int(np.abs(self.sampled.q - mechanism.q0).max(axis=1).argmin())  # index of the sampled state nearest to the start
         # the cheapest coordinate that serves for the whole motion, or the one with the largest openings at the start
-        candidates = self.steady or [int(self.open[:, start].argmax())]
+        candidates = self.steady or [int(self.smallest_openings[:, start].argmax())]
         keys = [Key(k, tuple(self.signs[k][start].tolist())) for k in candidates]
         self.first = min(keys, key=lambda key: self._equation(key).program.acceleration.costs.single)
         self._verify()
 
     def _states_on_branch(self, key: Key) -> NDArray[np.intp]:
         """Return the indices of the sampled states on the branch of a key at which all openings of dyads are above `least`."""
-        return np.flatnonzero((self.signs[key.way] == key.signs).all(axis=1) & (self.open[key.way] > self.least))
+        is_on_branch = (self.signs[key.sequence] == key.signs).all(axis=1)
+        return np.flatnonzero(is_on_branch & (self.smallest_openings[key.sequence] > self.least))
 
     def _equation(self, key: Key, q: Array | None = None) -> Equation:
         """Return the equation of motion for a key (coordinate and branch); it is derived at the first call and then stored.
 
-        Its expressions are tested at sampled states on the branch, far from dead centres, and also at the position q (n,) if one is
-        given.
+        Its expressions are tested at sampled positions on the branch, far from dead centres, and also at q (n,) if it is given.
         """
         if key not in self.equations:
-            on = self._states_on_branch(key)
-            # the half of the states whose smallest opening is largest, in the order of the motion
-            best = sorted(on[np.argsort(-self.open[key.way][on], kind="stable")][: max(3, len(on) // 2)])
-            states = self.walk.q[best] if q is None else np.vstack([self.walk.q[best], q])
-            least = self.least * self.scales[key.way]
-            self.equations[key] = write_equation(self.mechanism, self.ways[key.way], key.signs, states, least)
+            on_branch = self._states_on_branch(key)
+            widest_first = np.argsort(-self.smallest_openings[key.sequence][on_branch], kind="stable")
+            # the half of the states with the largest openings, but at least three, in the order of the motion
+            best = sorted(on_branch[widest_first][: max(3, len(on_branch) // 2)])
+            positions = self.sampled.q[best] if q is None else np.vstack([self.sampled.q[best], q])
+            least = self.least * self.scales[key.sequence]
+            self.equations[key] = write_equation(self.mechanism, self.sequences[key.sequence], key.signs, positions, least)
         return self.equations[key]
-
-    def _evaluator(self, key: Key) -> Callable[[Array], list[Array]]:
-        """Return `Equation.motion` of a key's equation, compiled once as a function of a state (2n,) in its variables."""
-        if key not in self.evaluators:
-            self.evaluators[key] = compile_function(self._equation(key).motion)
-        return self.evaluators[key]
 
     def _machine(self, key: Key) -> Machine:
         """Return the machine code that integrates the equation of a key, compiled once."""
@@ -202,89 +196,91 @@ class MinimalModel:
             self.machines[key] = Machine(self._equation(key), self.choice.integrator)
         return self.machines[key]
 
-    def _openings(self, at: Links) -> dict[Key, float]:
-        """Return for each coordinate, at one state: its key on the branch of this state -> the smallest opening of its dyads."""
+    def _measure_openings(self, at: Links) -> dict[Key, float]:
+        """Return key -> smallest opening of the dyads at one state, for every sequence; a key has the signs at this state."""
         smallest = {}
-        for k, (way, scale) in enumerate(zip(self.ways, self.scales, strict=True)):
-            openings = way.openings(at)
+        for k, (sequence, scale) in enumerate(zip(self.sequences, self.scales, strict=True)):
+            openings = sequence.openings(at)
             smallest[Key(k, tuple(np.sign(openings).tolist()))] = float(_smallest(openings, scale))
         return smallest
 
     def _verify(self) -> None:
-        """Compare q, v, a by the first equation with the linkage's q, v, and a by Gauss's principle, at a few states of `walk`.
+        """Compare q, v, a by the first equation with the linkage's q, v, and a by Gauss's principle, at a few sampled states.
 
         Raises:
             RunFailure: positions, speeds or accelerations differ.
         """
         evaluator, rows = Evaluator(self.mechanism), self._states_on_branch(self.first)
         for row in rows[:: max(1, len(rows) // CHECKED)]:
-            q, v = self.walk.q[row], self.walk.v[row]
+            q, v = self.sampled.q[row], self.sampled.v[row]
             a = gauss(evaluator.terms(0.0, q, v)).a
             own_q, own_v, own_a = self._derive(self.first, q, v)
             pairs = {"places": (own_q, q, size(q)), "speeds": (own_v, v, size(v)), "accelerations": (own_a, a, size(a))}
             require_agreement(pairs, AGREEMENT)
 
-    def _state(self, equation: Equation, q: Array, v: Array) -> Array:
+    def _convert_state(self, equation: Equation, q: Array, v: Array) -> Array:
         """Convert a state q, v (n,) of the linkage to the state (2n,) in the variables of an equation of motion."""
         return equation.state(Links.of(q, v), {link: float(angle_at(q, link)) for link in equation.angles})
 
     def _derive(self, key: Key, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Return q, v, a (n,) of all links by a key's equation, from its coordinate and this coordinate's rate at q, v (n,)."""
+        """Return q, v, a (n,) of all links by a key's equation, which takes only the coordinate and its rate from q, v (n,)."""
         equation = self._equation(key, q)
-        motion = LinkMotion.at(equation, self._state(equation, q, v)[None])
+        motion = LinkMotion.at(equation, self._convert_state(equation, q, v)[None])
         return motion.unwrap(angles(q))[0], motion.v[0], motion.a[0]
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        openings = self._openings(Links.of(q, v))
-        # the first coordinate, whose equation is written already, unless it is too near to a dead centre here
-        widest = max(openings, key=lambda key: openings[key])
-        usable = (key for key, opening in openings.items() if key.way == self.first.way and opening > self.least)
-        _, _, a = self._derive(next(usable, widest), q, v)
+        openings = self._measure_openings(Links.of(q, v))
+        chosen = max(openings, key=lambda key: openings[key])
+        for key, opening in openings.items():
+            # the equation in the first coordinate is written already; it is used unless a dyad is too near to a dead centre
+            if key.sequence == self.first.sequence and opening > self.least:
+                chosen = key
+        _, _, a = self._derive(chosen, q, v)
         return finite_acceleration(t, a, "the equation in one coordinate")
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Compile the code for a run with samples at the times (k,) [s], and reset to the start."""
         self.times = times
-        self.start = self._state(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
+        self.start = self._convert_state(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
         self.parts = equal_runs(times, self.choice.step)
         machine = self._machine(self.first)
         if not machine.is_adaptive:
             for part in self.parts:
-                machine.memory_for(part.samples)
+                machine.memory_for(part.samples)  # allocated here, not in a timed run
         self._reset()
         if not self.steady:  # the coordinate changes: a run now compiles the code that this needs
             self.run()
             self._reset()
 
     def _reset(self) -> None:
-        self.y, self.now, self.tried = self.start, self.first, set[Key]()
+        self.y, self.present, self.tried = self.start, self.first, set[Key]()
         self.steps, self.evaluations, self.changes, self.failure = 0, 0, 0, ""
         self.segments: list[Segment] = []
 
     def run(self) -> None:
-        """Integrate the parts of the run one after another, and store each result as a `Segment`.
-
-        If the run ends early, `failure` becomes the reason.
-        """
+        """Integrate the run, and store each result as a `Segment`; if it ends early, `failure` becomes the reason."""
         if self.choice.integrator == ADAPTIVE:
             self._run_adaptive()
-            return
-        for part in self.parts:
-            if not self.failure:
-                self._run_equal(part)
+        else:
+            for part in self.parts:
+                self._run_fixed(part)
 
-    def _run_equal(self, part: EqualSteps) -> None:
-        """Take the steps of one part of the run, with a constant step size and a constant number of steps between samples."""
+    def _run_fixed(self, part: EqualSteps) -> None:
+        """Take the steps of one part of the run, with a constant step size and a constant number of steps between samples.
+
+        If `failure` is set, no steps are taken.
+        """
         begin, h, total, done = float(self.times[part.row]), part.size, part.steps * part.samples, 0
         while done < total and not self.failure:
-            machine, start = self._machine(self.now), self.y
-            to_sample = part.steps - done % part.steps  # steps to the next sample
-            # After a change of coordinate between two samples, one call goes to the next sample only.
-            count, interval = (total - done, part.steps) if to_sample == part.steps else (to_sample, to_sample)
+            machine, start = self._machine(self.present), self.y
+            count, interval = total - done, part.steps
+            if done % interval:  # the coordinate has changed between two samples: one call goes to the next sample only
+                count = interval = interval - done % interval
             # samples (k, 2n), number of steps taken before a dyad came too near to its dead centre, and the state after them
             states, steps_taken, end = machine.steps(start, begin + done * h, h, count, interval)
             end = end.copy()  # the next call overwrites the machine's memory
             # A machine that stops early does not return the state at which it stopped as a sample, even if one is due there.
-            stopped_at_sample = steps_taken < count and steps_taken and steps_taken % interval == 0
+            stopped_at_sample = 0 < steps_taken < count and steps_taken % interval == 0
             states = np.vstack([states, end]) if stopped_at_sample else states.copy()
             self.segments.append(Segment(machine.equation, part.row + 1 + done // part.steps, start, states, end))
             done, self.y, self.steps = done + steps_taken, end, self.steps + steps_taken
@@ -298,7 +294,7 @@ class MinimalModel:
         options = Minimal.file.options(self.choice.settings)
         tolerances = self.choice.tolerances(options["dop853_rtol"], options["dop853_atol"])
         while row < len(times) - 1 and not self.failure:
-            machine = self._machine(self.now)
+            machine = self._machine(self.present)
             course = machine.course(self.y, np.append(t, times[row + 1 :]), tolerances)
             states = course.samples[1:]  # without the start of this segment
             # `course.state` is the state at which the integrator stopped, possibly between two samples
@@ -316,33 +312,34 @@ class MinimalModel:
         Args:
             steps_taken: number of steps since the last change; if it is 0, coordinates that failed at this state remain excluded.
         """
-        machine = self._machine(self.now)
-        self.tried = {self.now} if steps_taken else self.tried | {self.now}
+        machine = self._machine(self.present)
+        self.tried = {self.present} if steps_taken else self.tried | {self.present}
         if not np.isfinite(self.y).all():
             self.failure = f"t = {t:.6g} s: not finite; a smaller step may help"
             return
         # Poses and velocities of the links; machine code evaluates them, because changing the coordinate is part of the timed run.
-        pose, first, *_ = self._evaluator(self.now)(self.y)
+        pose, first, *_ = machine.motion(self.y)
         x, y, c, s = pose.reshape(-1, 4).T  # (links,) each
-        dx, dy, spin = first.reshape(-1, 3).T * self.y[len(self.y) // 2]  # derivatives by the coordinate times its rate
+        dx, dy, spin = first.reshape(-1, 3).T * self.y[machine.n]  # derivatives by the coordinate times the coordinate's rate
         here = Links.with_ground((x + 1j * y).tolist(), (c + 1j * s).tolist(), (dx + 1j * dy).tolist(), spin.tolist())
-        usable = {key: x for key, x in self._openings(here).items() if key not in self.tried and x > self.least}
+        usable = {key: x for key, x in self._measure_openings(here).items() if key not in self.tried and x > self.least}
         if not usable:
-            self.failure = f"t = {t:.6g} s: no coordinate is regular over a whole step; a smaller step may help"
+            self.failure = f"t = {t:.6g} s: every coordinate comes too near to a dead centre in a step; a smaller step may help"
             return
         best = max(usable, key=lambda key: usable[key])
-        if best not in self.equations:  # it is tested at the present position, where whole turns of angles do not matter
+        if best not in self.equations:  # its expressions are tested at the present position, for which whole turns do not matter
             self._equation(best, LinkMotion.at(machine.equation, self.y[None]).unwrap(0.0 * self.start_angles)[0])
-        new, spring_angles = self._machine(best).equation, machine.equation.spring_angles(self.y[: machine.n])
-        self.y, self.now, self.changes = new.state(here, spring_angles), best, self.changes + 1
+        spring_angles = machine.equation.spring_angles(self.y[: machine.n])
+        self.y = self._machine(best).equation.state(here, spring_angles)
+        self.present, self.changes = best, self.changes + 1
 
-    def _name(self, equation: Equation) -> str:
-        """Return the name of an equation's independent coordinate, for the note of a run."""
-        way = equation.way
-        return f"slide {way.joint.name}" if way.joint.motion.unit == "m" else f"angle of {self.mechanism.link_name(way.link)}"
+    def _name_coordinate(self, sequence: DyadSequence) -> str:
+        """Return the name of the independent coordinate of a sequence, for the note of a run."""
+        joint = sequence.joint
+        return f"slide {joint.name}" if joint.motion.unit == "m" else f"angle of {self.mechanism.link_name(sequence.link)}"
 
-    def _follow(self, segment: Segment, at: Array, angles_at_start: Array) -> Array:
-        """Return approximate unwrapped angles (k, links) [rad] at values `at` (k,) of a segment's independent coordinate."""
+    def _follow(self, segment: Segment, values: Array, angles_at_start: Array) -> Array:
+        """Return approximate unwrapped angles (k, links) [rad] at values (k,) of a segment's independent coordinate."""
         equation = segment.equation
 
         def link_angles(x: Array) -> Array:
@@ -351,8 +348,8 @@ class MinimalModel:
             states[:, 0] = x
             return LinkMotion.at(equation, states).raw_angles
 
-        length = typical_length(self.mechanism) if equation.way.joint.motion.unit == "m" else None
-        return follow(link_angles, float(segment.start[0]), at, angles_at_start, length)
+        length = typical_length(self.mechanism) if equation.sequence.joint.motion.unit == "m" else None
+        return follow(link_angles, float(segment.start[0]), values, angles_at_start, length)
 
     def read(self) -> Trajectory:
         """Return the samples, with whole turns of angles counted from one segment to the next.
@@ -368,7 +365,7 @@ class MinimalModel:
             positions = motion.unwrap(self._follow(segment, states[:, 0], unwrapped))
             q[rows], v[rows], a[rows] = positions[:-1], motion.v[:-1], motion.a[:-1]
             unwrapped = angles(positions[-1])  # at the end of this segment, where the next one starts
-        coordinates = ", ".join(dict.fromkeys(self._name(x.equation) for x in self.segments))
+        coordinates = ", ".join(dict.fromkeys(self._name_coordinate(x.equation.sequence) for x in self.segments))
         note = f"in one coordinate: {coordinates}" + (f", changed {self.changes} times" if self.changes else "")
         trajectory = Trajectory(self.times, q, v, a, self.steps, self.evaluations, note)
         if self.failure:

@@ -29,7 +29,7 @@ import numpy as np
 from gauss_bench.compiler.elimination.function import Function, Inputs, function, uses
 from gauss_bench.compiler.elimination.program import Program
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
-from gauss_bench.engines.minimal.structure import Dyad, Links, OuterJoint, Way
+from gauss_bench.engines.minimal.structure import Dyad, DyadSequence, Links, OuterJoint
 from gauss_bench.mechanism.coordinates import DistanceState, state, strength
 from gauss_bench.mechanism.frames import Direction, End, Frame, Placement
 from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, Point, Prismatic, loads
@@ -45,6 +45,7 @@ class Equation:
     """The equation of motion for one independent coordinate on one branch of the linkage.
 
     Attributes:
+        sequence: the input link, whose motion is the coordinate, and the dyads of the other links.
         signs: for each dyad the sign that selects one of its two solutions; all signs together are the branch.
         integrated: links whose angles are integrated together with the coordinate.
         angles: link whose angle a spring needs -> index of an entry of the program's q, and the constant [rad] that is added to it.
@@ -52,7 +53,7 @@ class Equation:
         motion: function (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega of every link; x'', y'', alpha; and q''.
     """
 
-    way: Way
+    sequence: DyadSequence
     signs: tuple[float, ...]
     integrated: tuple[int, ...]
     angles: Mapping[int, tuple[int, float]]
@@ -65,8 +66,8 @@ class Equation:
         Args:
             link_angles: link -> its angle [rad], with whole turns counted, for the links whose angles springs need.
         """
-        value, rate = self.way.state(at)
-        # the coordinate in every entry; the loop replaces those of the integrated angles, and an angle known only up to whole turns
+        value, rate = self.sequence.state(at)
+        # every entry is the coordinate; the loop replaces integrated angles, and a coordinate that lacks its whole turns
         q, v = np.full(self.program.n, value), np.full(self.program.n, rate)
         for link, (k, turn) in self.angles.items():
             q[k], v[k] = link_angles[link] - turn, at.w[link]
@@ -77,23 +78,23 @@ class Equation:
         return {link: float(q[k]) + turn for link, (k, turn) in self.angles.items()}
 
 
-def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Array, least: Array) -> Equation:
+def write_equation(mechanism: Mechanism, sequence: DyadSequence, signs: Sequence[float], q: Array, least: Array) -> Equation:
     """Write the equation of motion of a linkage.
 
     Args:
         q: (k, n) positions of the linkage on this branch, away from dead centres, in absolute coordinates.
         least: (dyads,) for each dyad the smallest opening at which the equation may be used.
     """
-    # links whose angles torsion springs need, without those whose angles slides fix relative to the ground -> root
     torsion = [x.coordinate for x in loads(mechanism.forces) if isinstance(x, Law) and x.k and isinstance(x.coordinate, Angle)]
-    needed = {link for angle in torsion for link in (angle.a, angle.b)}
-    roots = {link: root for link, root in _roots(way).items() if link in needed and root.link != GROUND}
-    integrated = tuple(sorted({root.link for root in roots.values()} - {way.link}))
-    slots = {link: k for k, link in enumerate((way.link, *integrated))}  # root -> index of its angle in the program's q
-    angles = {link: (slots[roots[link].link], roots[link].turn) for link in sorted(roots)}
-    value, _ = way.state(Links.of(q, np.zeros_like(q)))
+    needed = {link for angle in torsion for link in (angle.a, angle.b)}  # links whose angles torsion springs need
+    # a link whose root is the ground has a constant angle
+    roots = {link: root for link, root in _roots(sequence).items() if link in needed and root.link != GROUND}
+    integrated = tuple(sorted({root.link for root in roots.values()} - {sequence.link}))
+    indices = {link: k for k, link in enumerate((sequence.link, *integrated))}  # root -> index of its angle in the program's q
+    angles = {link: (indices[roots[link].link], roots[link].turn) for link in sorted(roots)}
+    value, _ = sequence.state(Links.of(q, np.zeros_like(q)))
     states = np.column_stack([value, *(angle_at(q, link) for link in integrated)])
-    motion = _Motion(mechanism, way, signs, integrated, states)
+    motion = _Motion(mechanism, sequence, signs, integrated, states)
     a, openings = motion.acceleration(), motion.openings
     square_roots = [node for node, _ in openings]
     n = 1 + len(integrated)
@@ -107,27 +108,28 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
         parameters=(),
         values=np.zeros(0),
         dropped=(),
-        thresholds=np.array([size * x for (_, size), x in zip(openings, least, strict=True)]),  # of the square roots
+        thresholds=np.array([full * x for (_, full), x in zip(openings, least, strict=True)]),  # of the square roots
         acceleration=function(inputs, [a, square_roots], uses([*a, *square_roots])),
     )
     # a[0] is q''; the others are the second derivatives of the integrated angles
     of_links = function(inputs, [*motion.links(), a[:1]], None)
-    return Equation(way, tuple(signs), integrated, angles, program, of_links)
+    return Equation(sequence, tuple(signs), integrated, angles, program, of_links)
 
 
 class Root(NamedTuple):
-    """The link from whose angle that of another link follows, which is the root's angle plus `turn` [rad]: slides join both."""
+    """The root of a link, to which slides join it: the link's angle is that of the root `link` plus the constant `turn` [rad]."""
 
     link: int
     turn: float
 
 
-def _roots(way: Way) -> dict[int, Root]:
-    """Return link -> root for every link; a link that no slide joins to an earlier one is its own root."""
-    roots = {GROUND: Root(GROUND, 0.0), way.link: Root(way.link, 0.0)}
-    if isinstance(way.joint, Prismatic):
-        roots[way.link] = Root(GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
-    for dyad in way.dyads:
+def _roots(sequence: DyadSequence) -> dict[int, Root]:
+    """Return link -> root for every link; a link that no slide joins to a link placed before it is its own root."""
+    roots = {GROUND: Root(GROUND, 0.0), sequence.link: Root(sequence.link, 0.0)}
+    joint = sequence.joint
+    if isinstance(joint, Prismatic):  # `turn` is the block's angle minus the guide's; either may be the ground
+        roots[sequence.link] = Root(GROUND, joint.turn if joint.guide.link == GROUND else -joint.turn)
+    for dyad in sequence.dyads:
         first, second = dyad.links
         roots[first] = Root(first, 0.0)
         if dyad.kind == "RRR":
@@ -194,56 +196,55 @@ class _Motion:
     """The poses of all links as functions of the independent coordinate, as nodes (expressions) of a graph.
 
     Attributes:
-        roots: link -> its `Root`, the link from whose angle its own follows.
+        roots: link -> its `Root`.
         q: nodes of the coordinate and of the angles that are integrated together with it.
         v: node of the coordinate's rate q'.
+        still: zero vector, the derivative of a point at rest.
         bodies: link -> its `Body`; the ground is included.
         openings: for each dyad the node of the square root in its solution, which is zero at the dead centre, and the value of this
             root at which the dyad's opening is 1.
     """
 
-    def __init__(self, mechanism: Mechanism, way: Way, signs: Sequence[float], integrated: tuple[int, ...], states: Array):
-        """Compute the pose of the link whose motion is the coordinate, and then those of the other links, dyad after dyad.
+    def __init__(self, mechanism: Mechanism, sequence: DyadSequence, signs: Sequence[float], integrated: tuple[int, ...], q: Array):
+        """Compute the pose of the input link, and then those of the other links, dyad after dyad.
 
         Args:
-            states: (k, n) sampled values of the coordinate and of the integrated angles, at which expressions are tested for
-                equality.
+            q: (k, n) sampled values of the coordinate and of the integrated angles, at which expressions are tested for equality.
         """
-        self.mechanism, self.integrated, self.roots = mechanism, integrated, _roots(way)
-        self.graph = graph = ExpressionGraph(len(states))
-        self.q = [graph.input("q", k, states[:, k], NEAR) for k in range(states.shape[1])]
-        self.v = graph.input("v", 0, np.linspace(1.0, 3.0, len(states)), 1.0)  # samples of q': any speeds except zero will do
+        self.mechanism, self.integrated, self.roots = mechanism, integrated, _roots(sequence)
+        self.graph = graph = ExpressionGraph(len(q))
+        self.q = [graph.input("q", k, q[:, k], NEAR) for k in range(q.shape[1])]
+        self.v = graph.input("v", 0, np.linspace(1.0, 3.0, len(q)), 1.0)  # samples of q': any speeds except zero will do
         self.zero, self.one = graph.constant(0.0), graph.constant(1.0)
-        origin = Vec(self.zero, self.zero)
-        rest = Place(origin, origin, origin)  # the ground's origin, which does not move
+        self.still = Vec(self.zero, self.zero)
+        rest = Place(self.still, self.still, self.still)  # the ground's origin
         self.bodies: dict[int, Body] = {GROUND: Body(_unit(graph, 0.0), self.zero, self.zero, np.zeros(2), rest)}
-        self.bodies[way.link] = self._place_input_link(way)
+        self.bodies[sequence.link] = self._place_input_link(sequence)
         self.openings: list[tuple[Node, float]] = []
         close = {"RRR": self._close_rrr, "RRP": self._close_rrp, "RPR": self._close_rpr}
-        for dyad, sign in zip(way.dyads, signs, strict=True):
+        for dyad, sign in zip(sequence.dyads, signs, strict=True):
             close[dyad.kind](dyad, sign)
 
-    def _place_input_link(self, way: Way) -> Body:
-        """Return the motion of the link whose motion is the coordinate q: the link turns by q, or it slides by q.
+    def _place_input_link(self, sequence: DyadSequence) -> Body:
+        """Return the motion of the input link, whose angle or displacement is the coordinate q.
 
-        A slide moves the link from `way.fixed` by q along the guide, and it keeps the distance `offset` to the left of the guide's
-        line.
+        A slide moves the link from `sequence.fixed` by q along the guide, at the distance `offset` to the left of the guide's line.
         """
-        graph, joint, q = self.graph, way.joint, self.q[0]
-        still = Vec(self.zero, self.zero)
+        graph, joint, q = self.graph, sequence.joint, self.q[0]
         if not isinstance(joint, Prismatic):
-            pin = Place(_constant(graph, *way.fixed.local), still, still)
-            return Body(Vec(graph.cos(q), graph.sin(q)), omega=self.one, alpha=self.zero, at=way.moved.local, place=pin)
+            pin = Place(_constant(graph, *sequence.fixed.local), self.still, self.still)
+            return Body(Vec(graph.cos(q), graph.sin(q)), omega=self.one, alpha=self.zero, at=sequence.moved.local, place=pin)
         if joint.guide.link == GROUND:
             turn, along = joint.turn, _unit(graph, joint.angle)
         else:  # the guide moves, in the direction opposite to that of the block in it
             turn = -joint.turn
             along = _unit(graph, joint.angle + turn) * -1.0
-        position = _constant(graph, *way.fixed.local) + along * q + cross(joint.offset, along)  # its derivative by q is `along`
-        place = Place(position, along, still)
-        return Body(_unit(graph, turn), omega=self.zero, alpha=self.zero, at=way.moved.local, place=place)
+        position = _constant(graph, *sequence.fixed.local) + along * q + cross(joint.offset, along)
+        place = Place(position, along, self.still)  # the derivative of the position by q is `along`
+        return Body(_unit(graph, turn), omega=self.zero, alpha=self.zero, at=sequence.moved.local, place=place)
 
     def at(self, point: Point) -> Place:
+        """Return the motion of a point of a placed link."""
         return self.bodies[point.link].point(point.local)
 
     def _close_rrr(self, dyad: Dyad, sign: float) -> None:
@@ -261,19 +262,19 @@ class _Motion:
         A, C = self.at(dyad.first.other), self.at(dyad.second.other)
         r1, r2 = dyad.lengths
         base = C - A
-        d, D = base.p, dot(base.p, base.p)
-        # |a| = r1 and |a - d| = r2 give a . d; then a = ((a . d) d + sign root / 2 (d turned by a quarter to the left)) / D
-        twice_a_dot_d = D + (r1 * r1 - r2 * r2)
-        root_squared = D * (4 * r1 * r1) - twice_a_dot_d * twice_a_dot_d
+        s, s_squared = base.p, dot(base.p, base.p)
+        # |a| = r1 and |a - s| = r2 give a . s; then a = ((a . s) s + sign root / 2 (s turned by a quarter to the left)) / s^2
+        twice_a_dot_s = s_squared + (r1 * r1 - r2 * r2)
+        root_squared = s_squared * (4 * r1 * r1) - twice_a_dot_s * twice_a_dot_s
         root = self.graph.sqrt(root_squared)
-        a = (d * twice_a_dot_d + cross(root * sign, d)) * (self.graph.inverse(D) * 0.5)
-        c = a - d
+        a = (s * twice_a_dot_s + cross(root * sign, s)) * (self.graph.inverse(s_squared) * 0.5)
+        c = a - s
         # inverse: 1 / (a x c)
-        a_dot_c, inverse = (r1 * r1 + r2 * r2 - D) * 0.5, root * self.graph.inverse(root_squared) * (2 * sign)
+        a_dot_c, inverse = (r1 * r1 + r2 * r2 - s_squared) * 0.5, root * self.graph.inverse(root_squared) * (2 * sign)
         omega1, omega2 = dot(base.d, c) * inverse, dot(base.d, a) * inverse
-        s1, s2 = omega1 * omega1, omega2 * omega2
-        alpha1 = (dot(base.b, c) + s1 * a_dot_c - s2 * (r2 * r2)) * inverse
-        alpha2 = (dot(base.b, a) + s1 * (r1 * r1) - s2 * a_dot_c) * inverse
+        square1, square2 = omega1 * omega1, omega2 * omega2
+        alpha1 = (dot(base.b, c) + square1 * a_dot_c - square2 * (r2 * r2)) * inverse
+        alpha2 = (dot(base.b, a) + square1 * (r1 * r1) - square2 * a_dot_c) * inverse
         pin1, pin2 = (pin.local for pin in dyad.middle)
         self._add_rod(dyad.first, a, omega1, alpha1, A, pin1)
         self._add_rod(dyad.second, c, omega2, alpha2, C, pin2)
@@ -378,7 +379,7 @@ class _Motion:
         unit = state(law.coordinate, _Rates(self, self.one))
         rate = unit.half_square_rate if isinstance(unit, DistanceState) else unit.rate
         unit_rate = self.graph.node(rate)
-        # This product is not used here. It enters the graph first, so that the rate at q' = v is recognised as the same product.
+        # This product is not used here. Because the graph then has it, the rate at q' = v is recognised as the same product.
         self.graph.mul(unit_rate, self.v)
         return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law, self.graph)) * unit_rate
 
@@ -387,7 +388,7 @@ class _Motion:
         root, turn = self.roots[link]
         if root == GROUND:
             return self.graph.constant(turn)
-        # q[0] is the coordinate, q[1:] are the integrated angles; a root that is not integrated turns by the coordinate itself
+        # q[0] is the coordinate, q[1:] are the integrated angles; the angle of a root that is not integrated is the coordinate
         k = 1 + self.integrated.index(root) if root in self.integrated else 0
         return self.q[k] + turn
 
@@ -441,11 +442,10 @@ class _Rates(Placement):
 
     def __init__(self, motion: _Motion, speed: Node):
         self.motion, self.speed, self.arithmetic = motion, speed, motion.graph
-        self.still = Vec(motion.zero, motion.zero)
 
     def frame(self, link: int) -> Frame:
-        """Return a frame that turns with a link and whose origin does not move; it serves for directions."""
-        return self._frame(link, self.still, self.still)
+        """Return a frame that turns with a link and whose origin is at rest; only its directions are used."""
+        return self._frame(link, self.motion.still, self.motion.still)
 
     def _frame(self, link: int, place: Vec, velocity: Vec) -> Frame:
         """Return a frame that turns with a link, and whose origin has a given position and velocity."""
@@ -455,7 +455,7 @@ class _Rates(Placement):
     def end(self, point: Point) -> End:
         """Return a point as the origin of a frame of its own."""
         place = self.motion.at(point)
-        return End(self._frame(point.link, place.p, place.d * self.speed), self.still)
+        return End(self._frame(point.link, place.p, place.d * self.speed), self.motion.still)
 
     def vector(self, link: int, value: Array) -> Direction:
         return Direction(self.frame(link), _product(self.motion.bodies[link].e, _constant(self.motion.graph, *value)))

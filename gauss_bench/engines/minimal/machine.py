@@ -1,11 +1,11 @@
-"""The machine code of one equation of motion: routines that take steps, and functions of a state, as of the links' motion."""
+"""The machine code of one equation of motion: routines that take steps, and functions of a state such as the links' motion."""
 
 from collections.abc import Callable
+from functools import cached_property
 from math import ceil
 
 import numpy as np
 
-from gauss_bench.compiler.elimination.function import Function
 from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import Graph, inline
 from gauss_bench.compiler.machine.native_code import Loaded, Single, Target
@@ -17,7 +17,7 @@ from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.engines.minimal.equation import Equation
 from gauss_bench.terms import Array
 
-TARGET = Target("llvm", 1, True)
+TARGET = Target("llvm", 1, True)  # by LLVM, for one trajectory at a time, stored on disk
 
 
 class Machine:
@@ -37,6 +37,29 @@ class Machine:
             self._code = Loaded(lambda many: rollout(bodies(code, integrator, REACHES[integrator]), many), TARGET)
         self._code.call(1)  # compiles the code for one lane, that is, for one trajectory
         self._memories: dict[int, Single] = {}  # number of samples -> memory of a rollout with as many
+
+    @cached_property
+    def motion(self) -> Callable[[Array], list[Array]]:
+        """`Equation.motion`, a function (t, q, v, p) that depends on neither t nor p, compiled as a function of a state y (2n,)."""
+        graph, n = Graph(), self.n
+        # the function's operations as a graph with the entries of y as leaves; the leaf of t is not used
+        names = [f"%y{k}" for k in range(2 * n)]
+        leaves = [graph.leaf(name) for name in names]
+        results = inline(graph, self.equation.motion, ([graph.leaf("%t")], leaves[:n], leaves[n:], []), lambda x: sincos(graph, x))
+        routine = evaluation("evaluate", graph, [x for row in results for x in row], {"y": names})
+        loaded = Loaded(lambda many: routine, TARGET)  # `many` has no effect, because only one state is evaluated at a time
+        loaded.call(1)  # compiles
+        *cuts, size = np.cumsum([len(row) for row in results]).tolist()  # where each result ends in the array `out`
+
+        def evaluate(y: Array) -> list[Array]:
+            """Return the results of `Equation.motion`, one array for each, at a state y (2n,)."""
+            call = loaded.single(2 * n, size)
+            state, out = call.arrays
+            state[:] = y
+            call.run()
+            return np.split(out.copy(), cuts)
+
+        return evaluate
 
     def memory_for(self, slots: int) -> Single:
         """Return the memory of a rollout with `slots` samples, allocated on the first call."""
@@ -68,25 +91,3 @@ class Machine:
     def course(self, y: Array, times: Array, tolerances: tuple[float, float]) -> Course:
         """Integrate adaptively over the times (k,) [s], or until a dyad comes closer to its dead centre than its threshold."""
         return integrate(self._code, y, np.zeros(0), times, tolerances)
-
-
-def compile_function(function: Function) -> Callable[[Array], list[Array]]:
-    """Compile a function (t, q, v, p) that depends on neither t nor p to a function of the state y (2n,) of q and v."""
-    raw, n = Graph(), function.sizes[1]
-    # the function's operations as a graph with the entries of y as leaves; the leaf of t is not used
-    names = [f"%y{k}" for k in range(2 * n)]
-    leaves = [raw.leaf(name) for name in names]
-    results = inline(raw, function, ([raw.leaf("%t")], leaves[:n], leaves[n:], []), lambda x: sincos(raw, x))
-    routine = evaluation("evaluate", raw, [x for row in results for x in row], {"y": names})
-    loaded = Loaded(lambda many: routine, TARGET)  # `many` has no effect, because only one state is evaluated at a time
-    loaded.call(1)  # compiles
-    *cuts, size = np.cumsum([len(row) for row in results]).tolist()  # where each result ends in the array `out`
-
-    def evaluate(y: Array) -> list[Array]:
-        call = loaded.single(2 * n, size)
-        state, out = call.arrays
-        state[:] = y
-        call.run()
-        return np.split(out.copy(), cuts)
-
-    return evaluate

@@ -1,6 +1,6 @@
-"""The order in which a linkage closes from one coordinate, dyad after dyad, and the geometry of each dyad.
+"""The order in which the positions of links follow from one coordinate, dyad after dyad, and the geometry of each dyad.
 
-A link is placed if its position is computed already. A dyad is two links and three joints: the inner joint connects the two links,
+A link is placed if its position has been computed. A dyad is two links and three joints: the inner joint connects the two links,
 and each outer joint connects one of them to a placed link. R denotes a pin and P a slide; the middle letter is the inner joint:
 
     RRR:   The outer joints are pins at A and C. The inner pin B lies on circles about A and C.
@@ -26,15 +26,16 @@ from gauss_bench.mechanism.spaces import bodies
 from gauss_bench.terms import Array
 
 Complex = Any  # a complex number for one state, or an array of complex numbers for many states
+PinPoints = Mapping[int, Point]  # the links that a pin joins -> the pin's point on each
 
 
-class NoWay(ValueError):
-    """The motion of the linkage cannot be written in one coordinate by the method of this module; the message gives the reason."""
+class NoSequence(ValueError):
+    """The motion of the linkage cannot be written in one coordinate by a sequence of dyads; the message gives the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """All links at one state or many, as complex numbers; the last entry of every list is the ground, whose index is -1.
+    """Poses and velocities of all links at one state or many, as complex numbers; the last entry of every list is the ground (-1).
 
     Attributes:
         z: centres of mass [m].
@@ -50,7 +51,7 @@ class Links:
 
     @staticmethod
     def of(q: Array, v: Array) -> "Links":
-        """Compute z, e, u and w of all links from states q, v (..., n) with x, y and angle of each link."""
+        """Return the `Links` at states q, v (..., n), which have x, y and angle of each link."""
         exp, z, e, u, w = exponential(q), [], [], [], []
         for (x, y, angle), (dx, dy, spin) in zip(_by_body(q), _by_body(v), strict=True):
             z.append(x + 1j * y)
@@ -65,6 +66,7 @@ class Links:
         return Links([*z, 0j], [*e, 1.0 + 0j], [*u, 0j], [*w, 0.0])
 
     def point(self, point: Point) -> Complex:
+        """Return the position [m] of a point of a link."""
         return self.z[point.link] + self.e[point.link] * complex(*point.local)
 
     def arm(self, a: Point, b: Point) -> Complex:
@@ -158,13 +160,13 @@ class Dyad:
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """One choice of the independent coordinate: the motion of a link at its joint with the ground.
+class DyadSequence:
+    """An input link, whose motion at its joint with the ground is the independent coordinate, and dyads of all other links.
 
     Attributes:
-        joint: the joint between this link and the ground; its motion is the coordinate.
-        fixed, moved: the joint's point on the ground, and its point on the link.
-        dyads: the pairs of the other links, in the order in which their positions are computed.
+        joint: the joint between the input link and the ground; its motion is the coordinate.
+        fixed, moved: the joint's point on the ground, and its point on the input link.
+        dyads: in the order in which the positions of their links are computed.
     """
 
     joint: Joint
@@ -174,7 +176,7 @@ class Way:
 
     @property
     def link(self) -> int:
-        """Index of the link whose angle or displacement relative to the ground is the independent coordinate."""
+        """Index of the input link, whose angle or displacement relative to the ground is the independent coordinate."""
         return self.moved.link
 
     def state(self, at: Links) -> tuple[Any, Any]:
@@ -188,88 +190,89 @@ class Way:
         return (along * (at.point(b) - at.point(a))).real, (along * (at.u[b.link] - at.u[a.link])).real
 
     def openings(self, at: Links) -> Array:
-        """Return the openings of all dyads (..., dyads): how far each is from its dead centre."""
+        """Return the openings (..., dyads) of all dyads at one state or many; see `Dyad.opening`."""
         if not self.dyads:
             return np.zeros((*np.shape(at.w[self.link]), 0))
         return np.stack([dyad.opening(at) for dyad in self.dyads], axis=-1)
 
 
-def ways(mechanism: Mechanism) -> tuple[Way, ...]:
-    """Return the possible choices of the independent coordinate, that of the crank first, with dyads that place all other links.
+def find_sequences(mechanism: Mechanism) -> tuple[DyadSequence, ...]:
+    """Return a sequence of dyads for each input link from which dyads reach all other links, that of the crank first.
 
     Raises:
-        NoWay: there is none, or an equation in one coordinate does not cover the linkage's forces or constraints.
+        NoSequence: there is none, or an equation in one coordinate does not cover the linkage's forces or constraints.
     """
     if mechanism.drivers:
-        raise NoWay("the motion is prescribed: nothing is left of an equation of motion in one coordinate")
+        raise NoSequence("the motion is prescribed, so there is no equation of motion in a free coordinate")
     if mechanism.knife_edges:
-        raise NoWay("a knife edge holds velocities, which no closure of dyads does")
+        raise NoSequence("a knife edge constrains velocities only, which dyads cannot")
     if mechanism.couplings:
-        raise NoWay(f"no closure of dyads has a {type(mechanism.couplings[0]).__name__} ({mechanism.couplings[0].name})")
+        raise NoSequence(f"dyads cannot contain a {type(mechanism.couplings[0]).__name__} ({mechanism.couplings[0].name})")
     if mechanism.has_friction:
-        raise NoWay("dry friction needs the forces in the joints, which an equation in one coordinate does not have")
+        raise NoSequence("dry friction depends on the forces in the joints, which an equation in one coordinate does not contain")
     if mechanism.dof != 1:
-        raise NoWay(f"one coordinate does not describe {mechanism.dof} degrees of freedom")
+        raise NoSequence(f"one coordinate does not describe {mechanism.dof} degrees of freedom")
     if mechanism.redundant:
-        raise NoWay(f"redundant constraint rows ({mechanism.redundant}): no sequence of dyads has them")
-    complete, reason = [], "no link of one degree of freedom is held to the ground by a pin or slide"
+        raise NoSequence(f"redundant constraint rows ({mechanism.redundant}) do not occur in a sequence of dyads")
+    complete, reason = [], "no pin or slide joins a link to the ground"
     on_ground = [(joint, a, b) for joint in mechanism.joints for a, b in permutations(joint.ends) if a.link == GROUND]
-    for joint, fixed, moved in sorted(on_ground, key=lambda x: x[2].link != mechanism.crank):
+    # False sorts before True: the crank is the first input link
+    for joint, fixed, moved in sorted(on_ground, key=lambda joint_and_ends: joint_and_ends[2].link != mechanism.crank):
         dyads, open_links = close_from(mechanism, {moved.link})
         if not open_links:
-            complete.append(Way(joint, fixed, moved, tuple(dyads)))
+            complete.append(DyadSequence(joint, fixed, moved, tuple(dyads)))
         elif not complete:
             names = ", ".join(mechanism.link_name(k) for k in sorted(open_links))
-            reason = f"no dyad of pins and slides closes the loops of {names}, whichever link is given"
+            reason = f"no dyad of pins and slides closes the loops of {names}, for any choice of the input link"
     if not complete:
-        raise NoWay(reason)
+        raise NoSequence(reason)
     return tuple(complete)
 
 
-def close_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[int]]:
-    """Return the dyads in the order in which their positions can be computed from the given links, and the links of no dyad."""
+def close_from(mechanism: Mechanism, start_links: set[int]) -> tuple[list[Dyad], set[int]]:
+    """Return the dyads that can be placed one after another from the ground and the start links, and the links of no dyad."""
     pins: dict[str, dict[int, Point]] = {}  # name of a joint, which may pin more than two links -> link -> its point
     for pin in mechanism.pins:
         for point in pin.ends:
             pins.setdefault(pin.joint, {})[point.link] = point
-    placed = {GROUND, *given}
-    left, dyads = set(range(len(mechanism.links))) - placed, list[Dyad]()
-    while left:
-        tried = (_dyad([*pins.values()], mechanism.slides, pair, placed) for pair in permutations(sorted(left), 2))
-        dyad = next((x for x in tried if x is not None), None)
+    placed = {GROUND, *start_links}
+    unplaced, dyads = set(range(len(mechanism.links))) - placed, list[Dyad]()
+    while unplaced:
+        candidates = (_find_dyad([*pins.values()], mechanism.slides, pair, placed) for pair in permutations(sorted(unplaced), 2))
+        dyad = next(filter(None, candidates), None)  # of the first pair of links that form a dyad
         if dyad is None:
             break
         dyads.append(dyad)
         placed |= set(dyad.links)
-        left -= placed
-    return dyads, left
+        unplaced -= placed
+    return dyads, unplaced
 
 
-def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair: tuple[int, int], placed: set[int]) -> Dyad | None:
-    """Return the dyad that two links form in this order (see `Dyad`), or None if they form none.
+def _find_dyad(pins: Sequence[PinPoints], slides: Sequence[Prismatic], pair: tuple[int, int], placed: set[int]) -> Dyad | None:
+    """Return the dyad of two links, in this order, and their joints with placed links; None if they form none (see `Dyad`).
 
     Args:
-        pins: for each pin, link -> point of the pin on this link.
         placed: indices of the links that are placed already.
     """
-    one, two = pair
-    firsts, seconds = (_outer_joints(pins, slides, link, placed) for link in pair)
-    between = next((pin for pin in pins if one in pin and two in pin and not placed & pin.keys()), None)
-    # Each link must have just one joint with placed links. A slide may only be at the second, so that a pair matches in one order.
-    if len(firsts) != 1 or len(seconds) != 1 or firsts[0].slide:
+    link1, link2 = pair
+    joints1, joints2 = (_outer_joints(pins, slides, link, placed) for link in pair)
+    # Each link must have just one joint with placed links. Only the second may have a slide, so that a pair matches in one order.
+    if len(joints1) != 1 or len(joints2) != 1 or joints1[0].slide:
         return None
-    first, second = firsts[0], seconds[0]
-    if between is None:
-        slide = next((s for s in slides if {p.link for p in s.ends} == {*pair}), None)
-        if slide is None or second.slide or slide.guide.link != one:
+    first, second = joints1[0], joints2[0]
+    inner_pin = next((pin for pin in pins if link1 in pin and link2 in pin and not placed & pin.keys()), None)
+    if inner_pin is None:
+        slide = next((s for s in slides if {s.guide.link, s.block.link} == {*pair}), None)
+        if slide is None or second.slide or slide.guide.link != link1:
             return None
-        # Vectors in the guide's frame: from the block's point on the line to its pin A, and from the guide's pin C to the line.
+        # height: distance of the block's pin A from the line through the guide's pin C. Vectors in the guide's frame: from the
+        # block's point on the slide's line to A, and from C to the guide's point on the line.
         to_pin = turn_vector(second.own.local - slide.block.local, slide.turn)
         to_line = slide.guide.local - first.own.local
         height = slide.offset + _left_of(slide.angle, to_pin) + _left_of(slide.angle, to_line)
         ends = first.own, second.own
         return Dyad("RPR", first, second, ends, line=slide.guide, angle=slide.angle, height=height, turn=slide.turn)
-    middle = between[one], between[two]
+    middle = inner_pin[link1], inner_pin[link2]
     slide = second.slide
     if slide is None:
         return Dyad("RRR", first, second, middle, line=middle[0])
@@ -285,9 +288,7 @@ def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair
     return Dyad("RRP", first, second, middle, line=slide.block, angle=angle, height=height, turn=turn)
 
 
-def _outer_joints(
-    pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], link: int, placed: set[int]
-) -> list[OuterJoint]:
+def _outer_joints(pins: Sequence[PinPoints], slides: Sequence[Prismatic], link: int, placed: set[int]) -> list[OuterJoint]:
     """Return all joints between a link and the links that are placed; a pin of several placed links counts once."""
     joints = []
     for pin in pins:

@@ -1,8 +1,8 @@
 """The differences between MuJoCo's releases; only this file deals with them.
 
-up to 3.9:      The arguments of mj_fullM are the matrix and data.qM; in later releases they are the data and the matrix.
+up to 3.9:      The arguments of mj_fullM after the model are the matrix and data.qM; in later releases the data and the matrix.
 before 4.0:     There is no integrator `discrete`.
-before 3.2.7:   The equality `connect` is not between sites.
+before 3.2.7:   The equality `connect` joins bodies only, not sites.
 before 3.1:     A diverging run is always reset to its start, because no flag prevents that.
 """
 
@@ -31,11 +31,11 @@ def compile_document(mujoco: Any, text: str) -> Any:
 
 
 def mass_matrix(mujoco: Any, model: Any, data: Any) -> Array:
-    """Return the mass matrix (n, n) at the state that was evaluated last."""
+    """Return the mass matrix (n, n) at the state at which `data` was evaluated last."""
     M = np.zeros((model.nv, model.nv))
     try:
         mujoco.mj_fullM(model, data, M)
-    except TypeError:
+    except TypeError:  # a release up to 3.9
         mujoco.mj_fullM(model, M, data.qM)
     return M
 

@@ -1,7 +1,7 @@
 """Write a built model as an MJCF document that runs in MuJoCo without this suite.
 
-The document is a draft with the options, the start and shapes for viewers. MuJoCo reads it, and its accelerations are compared with
-those of the built model.
+The document is a `Draft` to which the options, the start and shapes for viewers are added. Its accelerations in MuJoCo are compared
+with those of the built model.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ from gauss_bench.trajectory import RunFailure, Status
 
 AGREEMENT = 1e-9  # largest relative difference of accelerations: MuJoCo computes both from the same numbers
 THICKNESS = 0.02  # thickness of a drawn bar, relative to the longest bar
-START = "start"  # name of the keyframe
+START = "start"  # name of the keyframe that has the mechanism's start
 INTEGRATORS = {"rk4": "RK4", "euler": "Euler"}  # engine's name -> name in MJCF, for those that differ
 
 
@@ -70,6 +70,9 @@ def write_document(built: Built, edited: bool = False) -> Document:
     Args:
         edited: whether the caller adds motion laws and scaled inverse weights to the compiled model, as an exported script does;
             otherwise a mechanism that needs them is refused, because MJCF cannot express them.
+
+    Raises:
+        RunFailure: MJCF cannot express the mechanism or the setting, or MuJoCo's model of the document differs.
     """
     mechanism = built.mechanism
     if mechanism.drivers and not edited:
@@ -84,8 +87,9 @@ def write_document(built: Built, edited: bool = False) -> Document:
     start = {"qpos": write_numbers(built.y0), "qvel": write_numbers(built.dy0)}
     if len(draft.actuators):
         start["ctrl"] = write_numbers([draft.controls.get(x.get("name", ""), 0.0) for x in draft.actuators])
-    for empty in [x for x in (draft.closures, draft.tendons, draft.actuators) if not len(x)]:
-        root.remove(empty)
+    for element in (draft.closures, draft.tendons, draft.actuators):
+        if not len(element):  # without children
+            root.remove(element)
     SubElement(SubElement(root, "keyframe"), "key", start, name=START)
     _verify(root, built)
     return Document(root, tuple(controlled))
@@ -109,26 +113,26 @@ def _set_options(draft: Draft, built: Built) -> None:
         closure.attrib |= {"solref": write_numbers(solref), "solimp": write_numbers(solimp)}
 
 
-def draw(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
+def find_bar_ends(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
     """Return the two end points (2,) [m] of each bar of a link, in the frame of its centre of mass; none for the ground."""
     bars = () if link == GROUND else mechanism.links[link].bars
     return [(mechanism.point(link, a).local, mechanism.point(link, b).local) for a, b in bars]
 
 
 def _add_shapes(draft: Draft) -> None:
-    """Add a site at each point of a link, and each bar as a shape that takes part in no collision, sized by the longest bar."""
+    """Add a site at each point of a link, and a capsule that collides with nothing for each bar, sized by the longest bar."""
     mechanism = draft.mechanism
-    bars = {link: draw(mechanism, link) for link in draft.bodies}
+    bars = {link: find_bar_ends(mechanism, link) for link in draft.bodies}
     longest = max((float(np.linalg.norm(b - a)) for link in bars for a, b in bars[link]), default=1.0)
-    look = {"size": write_numbers(THICKNESS * longest), "contype": "0", "conaffinity": "0", "group": "1"}
+    style = {"size": write_numbers(THICKNESS * longest), "contype": "0", "conaffinity": "0", "group": "1"}
     for link, body in draft.bodies.items():
-        known = {site.get("name") for site in body.findall("site")}  # sites of forces and closures
+        present = {site.get("name") for site in body.findall("site")}  # sites of forces and closures
         for name in mechanism.ground_points if link == GROUND else mechanism.links[link].points:
             point = mechanism.point(link, name)
-            if point.name not in known:
+            if point.name not in present:
                 SubElement(body, "site", name=point.name, pos=write_numbers(spatial(point.local)))
         for a, b in bars[link]:
-            SubElement(body, "geom", look, type="capsule", fromto=write_numbers([*spatial(a), *spatial(b)]))
+            SubElement(body, "geom", style, type="capsule", fromto=write_numbers([*spatial(a), *spatial(b)]))
         body[:] = sorted(body, key=lambda x: x.tag == "body")  # readers see all of a body before its child bodies
 
 

@@ -36,11 +36,12 @@ class Draft:
         torque: (n,) sum of all constant forces on tree coordinates, which MuJoCo takes from its data (qfrc_applied).
         steady: the constant forces on tree coordinates whose sum is `torque`.
         pushes: constant forces at points, each with its actuator.
-        controls: name of a motor -> the motor's control (force); `add_motors` fills this table.
+        controls: name of a motor -> the motor's control (force); empty until `add_motors` is called.
         cylinders: for every driven length the driver, its tendon, and the motor whose control is the force.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree):
+        """Write the links of the tree with their joints, then the closures, the forces and the driven lengths."""
         self.mechanism, self.tree = mechanism, tree
         self.root = Element("mujoco", model=mechanism.name)
         SubElement(self.root, "compiler", angle="radian", autolimits="true")
@@ -67,28 +68,28 @@ class Draft:
     def _add_link(self, b: Branch, link: Link, y: Array) -> None:
         """Add a link as a body without geometry, in its pose at the tree coordinates y (n,), with its joints."""
         origin, angle = pose_in_parent(b, y)
-        pos, quat = write_numbers(spatial(origin)), write_numbers([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])
+        pos, quat = write_numbers(spatial(origin)), write_numbers([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])  # quaternion
         body = SubElement(self.bodies[b.parent], "body", name=self._name("body", link.name), pos=pos, quat=quat)
         moments = write_numbers([link.inertia] * 3)  # only the last moment of inertia acts
         SubElement(body, "inertial", pos="0 0 0", mass=write_numbers(link.mass), diaginertia=moments)
         self.bodies[b.link] = body
 
-        def add_joint(at: int, name: str, kind: str, axis: list[float], anchor: Array) -> None:
-            """Add a joint for the tree coordinate with index `at`; axis and anchor are in the link's frame."""
+        def add_joint(index: int, name: str, kind: str, axis: list[float], anchor: Array) -> None:
+            """Add a joint for the tree coordinate with this index; axis and anchor are in the link's frame."""
             # `ref`: the coordinate in the pose in which the body is added, so that MuJoCo's qpos are the tree coordinates
-            place = {"axis": write_numbers(axis), "pos": write_numbers(spatial(anchor)), "ref": write_numbers(y[at])}
-            self.joints[at] = SubElement(body, "joint", place, name=self._name("joint", name), type=kind)
+            geometry = {"axis": write_numbers(axis), "pos": write_numbers(spatial(anchor)), "ref": write_numbers(y[index])}
+            self.joints[index] = SubElement(body, "joint", geometry, name=self._name("joint", name), type=kind)
 
         # a free link has slides along x and y and then a hinge; `b.at` is the index of the link's first tree coordinate
-        slides = {"revolute": [], "prismatic": [b.axis], "free": [*np.eye(2)]}[b.kind]
+        slide_axes = {"revolute": [], "prismatic": [b.axis], "free": [*np.eye(2)]}[b.kind]  # in the parent's frame
         names = [b.joint.name] if b.joint else [f"{link.name} {x}" for x in ("x", "y", "theta")]
-        for i, axis in enumerate(slides):  # MuJoCo takes axes in the child's frame
+        for i, axis in enumerate(slide_axes):  # MuJoCo takes axes in the child's frame
             add_joint(b.at + i, names[i], "slide", spatial(rotate(axis, np.array(-angle))), np.zeros(2))
         if b.kind != "prismatic":
-            add_joint(b.at + len(slides), names[-1], "hinge", [0.0, 0.0, 1.0], b.anchor)
+            add_joint(b.at + len(slide_axes), names[-1], "hinge", [0.0, 0.0, 1.0], b.anchor)
 
     def find_bodies(self, model: Any) -> list[int]:
-        """Return MuJoCo's index of the body of each link in the compiled model."""
+        """Return MuJoCo's index of each link's body in the compiled model, in the order of the links."""
         return [model.body(self.bodies[i].attrib["name"]).id for i in range(len(self.mechanism.links))]
 
     def _name(self, kind: str, wanted: str) -> str:
@@ -127,18 +128,20 @@ class Draft:
                 return f
             case OnJoints():
                 if f.row.any():
-                    self._add_fixed_tendon(f)
+                    self._add_spring_on_sum(f)
             case _:
                 assert_never(f)
         return None
 
     def _add_tendon(self, name: str, a: Point, b: Point, spring: dict[str, str]) -> Element:
+        """Add a tendon between two points, with the attributes `spring`, and return its element."""
         tendon = SubElement(self.tendons, "spatial", spring, name=self._name("tendon", name))
         for point in (a, b):
             SubElement(tendon, "site", site=self._site(point))
         return tendon
 
     def _add_cylinder(self, driver: LengthDriver) -> tuple[LengthDriver, Element, Element]:
+        """Add a driven length, and return the driver and the elements of its tendon and motor."""
         tendon = self._add_tendon(driver.name, driver.a, driver.b, {})
         return driver, tendon, SubElement(self.actuators, "motor", tendon=tendon.attrib["name"])
 
@@ -147,46 +150,48 @@ class Draft:
 
         Return the names of the forces that a control can change.
         """
-        changed: list[str] = []
+        controlled: list[str] = []
         for f in self.steady:
             if f.force.any():
-                changed += f.names
+                controlled += f.names
                 self.controls[self._add_motor(f)] = f.value
         for push, actuator in self.pushes:
             size = float(np.linalg.norm(push.direction))
             actuator.tag = "motor"
-            for key in ("gainprm", "biastype", "biasprm"):
+            for key in ("gainprm", "biastype", "biasprm"):  # attributes of the element <general>, not of <motor>
                 del actuator.attrib[key]
+            # a unit vector, so that the control is the force
             actuator.set("gear", write_numbers([*(push.direction / size), 0.0, 0.0, 0.0, 0.0]))
-            changed.append(push.name)
+            controlled.append(push.name)
             self.controls[actuator.attrib["name"]] = size
-        return changed
+        return controlled
 
     def _add_motor(self, f: Steady) -> str:
         """Add a motor for a constant generalised force on one joint or on a weighted sum of joints, and return the motor's name."""
         name = self._name("actuator", f.names[0] if f.names else "torque")
-        [at, *others] = np.flatnonzero(f.force)
+        [index, *others] = np.flatnonzero(f.force)  # of the tree coordinates on which the force acts
         if others:
             tendon = self._name("tendon", name)
-            self._add_sum(f.force, name=tendon)
+            self._add_fixed_tendon(f.force, name=tendon)
             SubElement(self.actuators, "motor", name=name, tendon=tendon)
         else:
-            joint = self.joints[int(at)].attrib["name"]
-            SubElement(self.actuators, "motor", name=name, joint=joint, gear=write_numbers(f.force[at]))
+            joint = self.joints[int(index)].attrib["name"]
+            SubElement(self.actuators, "motor", name=name, joint=joint, gear=write_numbers(f.force[index]))
         return name
 
-    def _add_sum(self, row: Array, **attributes: str) -> None:
-        """Add a fixed tendon, whose length is row . y."""
+    def _add_fixed_tendon(self, row: Array, **attributes: str) -> None:
+        """Add a fixed tendon: MuJoCo's element for a length row . y that is a weighted sum of joint coordinates."""
         tendon = SubElement(self.tendons, "fixed", attributes)
-        for at in np.flatnonzero(row):
-            SubElement(tendon, "joint", joint=self.joints[int(at)].attrib["name"], coef=write_numbers(row[at]))
+        for index in np.flatnonzero(row):
+            SubElement(tendon, "joint", joint=self.joints[int(index)].attrib["name"], coef=write_numbers(row[index]))
 
     def _add_actuator(self, bias: tuple[float, float, float], **attributes: str) -> Element:
         """Add an actuator with the force bias . [1, L, dL/dt], where L is the length of its transmission, and return it."""
-        force = {"gainprm": "0", "biastype": "affine", "biasprm": write_numbers(bias)}  # the control has no effect
+        force = {"gainprm": "0", "biastype": "affine", "biasprm": write_numbers(bias)}  # gain 0: the control has no effect
         return SubElement(self.actuators, "general", attributes | force)
 
     def _add_site_force(self, f: AtSite) -> None:
+        """Add the actuator of a force at a point."""
         attributes = {"name": self._name("actuator", f.name), "site": self._site(f.point)}
         if f.frame is not None:
             attributes["refsite"] = self._site(f.frame)
@@ -194,7 +199,7 @@ class Draft:
         if f.constant:
             self.pushes.append((f, actuator))
 
-    def _add_fixed_tendon(self, f: OnJoints) -> None:
+    def _add_spring_on_sum(self, f: OnJoints) -> None:
         """Add a spring and damper on a sum of joint coordinates.
 
         Trap: MuJoCo reads a rest length of -1 as "the length at qpos0". So if the rest length is negative, the signs of the rest
@@ -202,10 +207,10 @@ class Draft:
         """
         rest = f.rest - f.constant
         sign = -1.0 if rest < 0 else 1.0
-        self._add_sum(sign * f.row, **write_spring(f.k, f.c, sign * rest))
+        self._add_fixed_tendon(sign * f.row, **write_spring(f.k, f.c, sign * rest))
 
     def _set_joint_springs(self, springs: list[OnJoints]) -> None:
-        """Sum the springs and dampers on each joint.
+        """Give each joint the sum of the springs and dampers that act on it.
 
         A spring acts on x = row . y + constant, where the row has a single entry, 1 or -1. The joint's rest position follows from
         the springs' forces at y = 0.

@@ -1,8 +1,8 @@
 """Motion laws in MuJoCo's model.
 
 Trap: MuJoCo has no prescribed motion of a joint. A driven slide, or a driven hinge on the ground, gets an armature (rotor inertia)
-A that is far larger than all masses, and the torque or force A law''(t). The driven coordinate follows the law with an error of
-about load / A, because
+A that is far larger than all masses, and the torque or force A law''(t). With the other inertia m that resists the coordinate
+theta, the error of its acceleration is about load / A, because
 
     (A + m) theta'' = A law''(t) + load
 
@@ -39,7 +39,7 @@ class Drive:
     motor: int | None = None
 
     def push(self, data: Any, t: float) -> None:
-        """Add the driving force at time t [s] to the joint coordinate's force in MuJoCo's data, or make it the motor's control."""
+        """Add the driving force at time t [s] to the joint's applied force in MuJoCo's data, or set it as the motor's control."""
         force = self.armature * float(self.law(t)[2])
         if self.motor is None:
             data.qfrc_applied[self.at] += force
@@ -48,26 +48,26 @@ class Drive:
 
 
 def set_armatures(mujoco: Any, model: Any, drives: Sequence[Drive]) -> None:
-    """Set the armatures of drives in a compiled model, and let MuJoCo update the constants that depend on them."""
+    """Set the armatures of drives in a compiled model, and let MuJoCo recompute the constants that depend on inertia."""
     for drive in drives:
         armatures = model.dof_armature if drive.motor is None else model.tendon_armature
         armatures[drive.at] = drive.armature
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-def find_drives(model: Any, draft: Draft, share: float) -> list[Drive]:
+def find_drives(model: Any, draft: Draft, ratio: float) -> list[Drive]:
     """Return the drives of all hinges, slides and lengths that follow a law.
 
     Args:
         model: model that was compiled from the draft, without armatures.
-        share: armature divided by the inertia that resists the driven coordinate in MuJoCo's reference pose.
+        ratio: armature divided by the inertia that resists the driven coordinate in MuJoCo's reference pose.
     """
     driven = drivers_by_coordinate(draft.mechanism, draft.tree)
-    drives = [Drive(driver.law, share * float(model.dof_M0[k]), k) for k, driver in driven.items()]
+    drives = [Drive(driver.law, ratio * float(model.dof_M0[k]), k) for k, driver in driven.items()]
     for cylinder, tendon, motor in draft.cylinders:  # driven lengths; 1 / invweight0 is the inertia that resists the tendon
-        at = [*draft.tendons].index(tendon)  # MuJoCo numbers elements in the order of the document
-        mass = share / float(model.tendon_invweight0[at])
-        drives.append(Drive(cylinder.law, mass, at, [*draft.actuators].index(motor)))
+        index = [*draft.tendons].index(tendon)  # MuJoCo numbers elements in the order of the document
+        mass = ratio / float(model.tendon_invweight0[index])
+        drives.append(Drive(cylinder.law, mass, index, [*draft.actuators].index(motor)))
     return drives
 
 
@@ -76,16 +76,16 @@ def compile_model(
 ) -> tuple[Any, Sequence[Drive]]:
     """Return the model that MuJoCo compiles from a draft, with the integrator and step of a choice, and the model's drives.
 
-    If `driven`, driven coordinates get armatures (large artificial rotor inertias); otherwise the model has no drives.
+    Args:
+        driven: whether driven coordinates get armatures (large artificial rotor inertias); otherwise the model has no drives.
 
     Raises:
         RunFailure: MuJoCo cannot compile the draft.
     """
     model = compile_document(mujoco, tostring(draft.root, encoding="unicode"))
-    share = float(options["armature_of_a_driven_hinge_over_inertia"])
-    drives = find_drives(model, draft, share) if driven else []
+    ratio = float(options["armature_of_a_driven_hinge_over_inertia"])
+    drives = find_drives(model, draft, ratio) if driven else []
     if drives:
-        # a coordinate with so large an inertia keeps its speed, so that a constant speed needs no force
         set_armatures(mujoco, model, drives)
     configure(mujoco, model, options, choice.step)
     model.opt.timestep = choice.step

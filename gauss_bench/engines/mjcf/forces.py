@@ -2,7 +2,7 @@
 
 A force is translated only if an element of MuJoCo expresses it exactly; otherwise the linkage is refused. The elements are:
 
-    torque:                                               constant generalised force on the hinges of the chain
+    torque:                                               constant generalised force on the hinges between the two links
     force along a slide, with its reaction on the guide:  constant generalised force on the slide
     force at a point:                                     actuator with a site transmission; if the direction of the force is fixed
                                                           in the world, the reference site is a point of the world
@@ -60,7 +60,7 @@ Native = tree_loads.Steady | tree_loads.OnJoints | Tendon | AtSite
 
 
 def native_forces(mechanism: Mechanism, tree: Tree) -> list[Native]:
-    """Return all forces that do not vary with time as elements of MuJoCo.
+    """Return all forces of a mechanism as elements of MuJoCo, except those that vary with time or the direction of motion.
 
     Raises:
         RunFailure: a force has no exact element (status SKIP); the message names the force and the reason.
@@ -100,7 +100,7 @@ def other_load(other: tree_loads.OtherLoad, mechanism: Mechanism, turns: Turning
 
 
 def point_force(f: PointForce, turns: Turning) -> list[Native]:
-    """Return the elements of MuJoCo for a constant force at a point."""
+    """Return the elements of MuJoCo for a constant force at a point; a RunFailure if none express it exactly."""
     link, bias = f.point.link, (1.0, 0.0, 0.0)  # the element's force is bias . [1, L, dL/dt]: constant
     if not f.value.any():
         return []  # a force of zero needs no element, and has no direction in which a motor could change it
@@ -115,20 +115,20 @@ def point_force(f: PointForce, turns: Turning) -> list[Native]:
     if turns.apart(f.frame, link):
         frame = Point(f.frame, np.zeros(2), "centre of mass")
         return [AtSite(f.name, f.point, frame, f.value, bias), AtSite(f.name, frame, None, f.value, bias)]
-    raise RunFailure(Status.SKIP, f"MuJoCo cannot turn the force {f.name} with a link whose hinges move its point")
+    raise RunFailure(Status.SKIP, f"MuJoCo cannot turn the force {f.name} with a link whose hinges also turn the link of its point")
 
 
 def along_axis(name: str, along: Along, law: Law, mechanism: Mechanism, turns: Turning) -> AtSite:
-    """Return the element of MuJoCo for a force law along an axis to which no slide is parallel: a site transmission.
+    """Return the element of MuJoCo for a force law along an axis to which no slide is parallel; a RunFailure if it is not exact.
 
     Trap: MuJoCo's site transmission leaves out the torque that the force law exerts on the link of the reference site. So the
-    element is exact only if every hinge that turns the reference site also turns the other site. Such a hinge does not change the
-    coordinate, and the missing torque would do no work on it.
+    element is exact only if every hinge that turns the reference site also turns the other site: such a hinge does not change the
+    coordinate, so the missing torque would do no work.
     """
     origin, point = along.origin.link, along.point.link
     if turns.turns_with(origin, point):
         axis = unit(along.angle, along.across)
         return AtSite(name, along.point, along.origin, axis, (law.bias + law.k * law.rest, -law.k, -law.c))
     names = mechanism.link_name(origin), mechanism.link_name(point)
-    text = f"MuJoCo has no exact axis for {name}: in the tree, {names[0]} turns on a hinge that does not turn {names[1]}"
+    text = f"MuJoCo has no exact axis for {name}: in the tree, a hinge turns {names[0]} and does not turn {names[1]}"
     raise RunFailure(Status.SKIP, text)

@@ -20,9 +20,9 @@ FLAGS: Mapping[str, Callable[[Any], bool]] = {  # flag that disables a feature -
 def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) -> None:
     """Set the options of a newly compiled model that takes steps of `step` [s].
 
-    Trap: a second call scales the inverse weights a second time, unless mj_setConst has computed them again in between.
+    Trap: a second call scales the inverse weights again, unless MuJoCo's mj_setConst has computed them anew in between.
     """
-    unit = step if options["solref_unit"] == "step" else 1.0  # [s]
+    unit = step if options["solref_unit"] == "step" else 1.0  # [s] unit of the closures' time constant, solref[0]
     model.eq_solref[:] = [options["solref"][0] * unit, options["solref"][1]]
     model.eq_solimp[:] = options["solimp"]
     model.opt.tolerance, model.opt.iterations = options["tolerance"], options["iterations"]
@@ -34,8 +34,8 @@ def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) 
 
 
 def copy_to_evaluate(mujoco: Any, model: Any) -> Any:
-    """Return a copy of a compiled model that evaluates accelerations at given states."""
-    # MuJoCo's qacc is a difference of velocities with the integrator `discrete`, and with a warm start it depends on the last state
+    """Return a copy of a compiled model whose accelerations depend only on the given state."""
+    # with the integrator `discrete` qacc is a difference of velocities; with a warm start it depends on the state evaluated before
     still = copy.copy(model)
     still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     still.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)

@@ -9,7 +9,7 @@ acceleration:
     MJX:      r = -b J v - k phi
 
 The accelerations of MJX and MuJoCo agree at rest, but not in motion: in MJX only the spring k and the damper b keep the loops
-closed. So the errors of a motion fall with the step size only if k and b rise.
+closed. So the errors of a motion become smaller with the step size only if k and b become larger.
 """
 
 from gauss_bench.engines.base import Choice
@@ -82,7 +82,7 @@ class MjxModel(TreeModel):
         self._upload_for_step()
 
     def _upload_for_step(self) -> None:
-        """Compile the model for the chosen step, on which the softness of closures may depend; put its numbers on the device."""
+        """Compile the model with its drives for the chosen step, on which the softness of closures may depend, and upload it."""
         model, _ = compile_model(self.libraries.mujoco, self.draft, self.choice, self.options)
         self.device.set(model)
         self.uploaded_step = self.choice.step
@@ -102,14 +102,14 @@ class MjxModel(TreeModel):
             self._upload_for_step()
         self.models = {stretch.size: self.device.with_step(stretch.size) for stretch in self.plan}
         self.state = self.device.start(self.y0, self.dy0, float(times[0]))
-        for model in self.models.values():  # the first call compiles the loop, which must not happen in a timed run
+        for model in self.models.values():  # the first call compiles the loop: it must not be a timed one
             self.device.take_steps(model, self.state, 0)
 
     def run(self) -> None:
         take_steps, state = self.device.take_steps, self.state
         for stretch in self.plan:
             model = self.models[stretch.size]
-            calls, steps = (1, stretch.steps) if self.native else (stretch.steps, 1)
+            calls, steps = (1, stretch.steps) if self.native else (stretch.steps, 1)  # one call for all steps, or one for each
             for _ in range(calls):
                 state = take_steps(model, state, steps)
             if stretch.row is not None:

@@ -50,7 +50,7 @@ RUN = """    for k in range(every, steps + 1, every):
 
 
 class OnMujoco:
-    """The same model that MJX gets, but compiled and evaluated by MuJoCo: the `Built` of `engines/mjcf/document.py`."""
+    """The model that MJX gets, evaluated by MuJoCo itself; it has the members of `Built` in `engines/mjcf/document.py`."""
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
         self.mujoco, self.mechanism, self.choice, self.options = mujoco, mechanism, choice, options
@@ -61,7 +61,7 @@ class OnMujoco:
         self.still = copy_to_evaluate(mujoco, self.model)
 
     def forward(self, y: Array, dy: Array) -> Any:
-        """Return MuJoCo's data, with the accelerations, at a tree state y, dy (n,)."""
+        """Return MuJoCo's data, with the accelerations, evaluated at a tree state y, dy (n,)."""
         data = self.mujoco.MjData(self.still)
         data.qpos[:], data.qvel[:], data.qfrc_applied[:] = y, dy, self.draft.torque
         self.mujoco.mj_forward(self.still, data)
@@ -72,7 +72,7 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     """Return the text of a program that runs a mechanism.
 
     Raises:
-        RunFailure: an MJCF document cannot hold the mechanism.
+        RunFailure: MJCF cannot express the mechanism, or MuJoCo's model of the document differs.
         ImportError: MuJoCo is not installed.
     """
     import mujoco
@@ -81,7 +81,7 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     root = write_document(built, edited=True).root
     indent(root)
     lines = tostring(root, encoding="unicode").splitlines(keepends=True)
-    text = "\n".join(["(", *(f"    {line!a}" for line in lines), ")"])  # one Python string, with a line for each of MJCF
+    text = "\n".join(["(", *(f"    {line!a}" for line in lines), ")"])  # Python source of a string, one line for each line of MJCF
     numbers = {
         "MJCF": Script({}).stand_in(text),
         "BODIES": [built.draft.bodies[i].attrib["name"] for i in range(len(mechanism.links))],

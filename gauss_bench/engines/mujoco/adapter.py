@@ -1,7 +1,7 @@
 """MuJoCo: a tree of links in relative coordinates, closed by soft `connect` constraints between sites.
 
 Before the model is used, its mass matrix, forces and gaps of the loops are compared with those of the suite, at the start and at
-random tree states; the softness of the closures is not, because the settings vary it.
+random tree states. The softness of the closures is not compared, because the settings vary it.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.across_releases import disable, mass_matrix
 from gauss_bench.engines.mjcf.draft import Draft
-from gauss_bench.engines.mjcf.drives import Drive, compile_model, find_drives, set_armatures
+from gauss_bench.engines.mjcf.drives import compile_model, find_drives, set_armatures
 from gauss_bench.engines.mjcf.forces import refuse_forces
 from gauss_bench.engines.mjcf.settings import configure, copy_to_evaluate
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, driven_coordinates, finite, joint_tree
@@ -45,7 +45,7 @@ class Mujoco(LibraryEngine, beside=__file__):
             return reason
         tree = joint_tree(mechanism, self.file.options(choice.settings))
         if None in driven_coordinates(mechanism, tree):
-            return "MuJoCo needs a pin between a driven link and the ground, by which the link hangs in the tree of joints"
+            return "MuJoCo can drive a link only if the tree of joints has a pin between this link and the ground"
         return refuse_forces(mechanism, tree)
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
@@ -65,8 +65,9 @@ class MujocoModel(TreeModel):
         bodies: MuJoCo's indices of the links' bodies.
         drives: the driven coordinates.
         varying_forces: the forces that vary with time, which Python computes.
-        last: latest time [s] at which forces are evaluated in the present stretch (sequence of equal steps), so that a force that
-            jumps at its end has the value before the jump. Before the first run it is infinite.
+        last: latest time [s] at which forces are evaluated in the present stretch (sequence of equal steps): a force that jumps at
+            the end of the stretch has its value from before the jump. It is infinite before the first run.
+        complaints: the warnings of MuJoCo during a run.
     """
 
     library = "MuJoCo"
@@ -78,8 +79,7 @@ class MujocoModel(TreeModel):
         super().__init__(mechanism, choice, Mujoco.file.options(choice.settings))
         self.mujoco: Any = mujoco
         draft = Draft(mechanism, self.tree)
-        model, _ = compile_model(mujoco, draft, choice, self.options, driven=False)
-        self.model: Any = model
+        self.model, self.drives = compile_model(mujoco, draft, choice, self.options, driven=False)  # no drives yet
         self.torque, self.bodies = draft.torque, draft.find_bodies(self.model)
         # Trap: without this flag MuJoCo resets a diverging run to the start, and the run would look like a motion.
         disable(mujoco, self.model, ["mjDSBL_AUTORESET"])
@@ -89,7 +89,6 @@ class MujocoModel(TreeModel):
         self.still_data.qfrc_applied[:] = self.torque
         self.varying_forces = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
         self.last = np.inf
-        self.drives: list[Drive] = []
         verify(mechanism, self.tree, self.describe, AGREEMENT)
         self.drives = find_drives(self.model, draft, float(self.options["armature_of_a_driven_hinge_over_inertia"]))
         if self.drives:
@@ -152,7 +151,7 @@ class MujocoModel(TreeModel):
                 for begin, count, size, last, row in self.plan:
                     model.opt.timestep, self.last = size, last
                     if self.mechanism.kinks:
-                        data.time = begin  # MuJoCo sums up step sizes: by rounding its time could be before the kink at `begin`
+                        data.time = begin  # MuJoCo sums step sizes, so by rounding its time may be before the kink at `begin`
                     if self.native:  # MuJoCo's own loop takes the steps
                         step(model, data, nstep=count)
                     else:
@@ -177,6 +176,7 @@ class MujocoModel(TreeModel):
         tree_state = slice(1, 1 + 2 * self.tree.n)  # MuJoCo's full state is time, qpos, qvel and others, in this order
         initial[:, tree_state] = np.hstack(self.tree.relative(q, v))
         states = np.empty((len(q), count, initial.shape[1]))
+        # the only control of the rollout is qfrc_applied, the constant `torque`
         options = {"control_spec": int(kinds.mjSTATE_QFRC_APPLIED), "nstep": count, "state": states}
 
         def step_all() -> Array:
@@ -187,18 +187,22 @@ class MujocoModel(TreeModel):
         return step_all
 
     def read(self) -> Trajectory:
-        """Return the samples with notes; raise a warning of MuJoCo about a run that stayed finite as a RunFailure."""
+        """Return the samples, with notes.
+
+        Raises:
+            RunFailure: MuJoCo warned although all samples are finite; the exception holds the samples.
+        """
         notes = []
         if self.sets_forces:
             subject = "the motion law is" if self.drives else "forces that vary are"
-            notes.append(f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo does")
+            notes.append(f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo's own work")
         complaint = [f"MuJoCo: {x}" for x in self.complaints[:1]]
-        with collect_warnings(self.mujoco, []):  # warnings about samples of a diverged run are dropped: the judge finds such a run
+        with collect_warnings(self.mujoco, []):  # warnings about samples of a diverged run are dropped: `judge` rejects such runs
             trajectory = self.trajectory(self.y, self.dy, self.count_steps(), note="; ".join([*notes, *complaint]))
         has_warned = complaint or any(x.number for x in self.data.warning)
         if has_warned and finite(trajectory.q, trajectory.v) == len(self.times):
-            first = f"MuJoCo warned before t = {self.times[-1]:.6g} s"
-            message = "; ".join([first, *complaint, "a smaller step or another integrator may help"])
+            sentences = [f"MuJoCo warned before t = {self.times[-1]:.6g} s", *complaint]
+            message = "; ".join([*sentences, "a smaller step or another integrator may help"])
             raise RunFailure(Status.WARNING, message, trajectory)
         return trajectory
 
@@ -206,9 +210,9 @@ class MujocoModel(TreeModel):
 @contextlib.contextmanager
 def collect_warnings(mujoco: Any, complaints: list[str]) -> Iterator[None]:
     """Add MuJoCo's warnings to a list; without this, MuJoCo writes them to a file in the current folder."""
-    usual = mujoco.get_mju_user_warning()
+    previous = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(complaints.append)
     try:
         yield
     finally:
-        mujoco.set_mju_user_warning(usual)
+        mujoco.set_mju_user_warning(previous)

@@ -32,8 +32,9 @@ class Compiled:
 
     def names(self, kind: str) -> list[str]:
         """Return the names of all parts of a kind of PARTS; a part without a name has an empty one."""
-        stored = self.model.names  # the names of all kinds in one text, each followed by a null
-        return [stored[k : stored.index(b"\0", k)].decode() for k in getattr(self.model, f"name_{kind}adr")]
+        text = self.model.names  # the names of all kinds, each followed by a null
+        starts = getattr(self.model, f"name_{kind}adr")  # positions in this text
+        return [text[start : text.index(b"\0", start)].decode() for start in starts]
 
     def word(self, enumeration: str, number: Any) -> str:
         """Return the name of a number in one of MuJoCo's enumerations, such as "hinge" for mjJNT_HINGE of mjtJoint."""
@@ -41,8 +42,8 @@ class Compiled:
 
     def disabled(self) -> set[str]:
         """Return the names of the disabled features, such as "gravity"."""
-        flags = {name: bit for name, bit in self.mujoco.mjtDisableBit.__members__.items() if "DSBL_" in name}
-        return {x.removeprefix("mjDSBL_").lower() for x, bit in flags.items() if self.model.opt.disableflags & int(bit)}
+        bits = {name: int(bit) for name, bit in self.mujoco.mjtDisableBit.__members__.items() if "DSBL_" in name}
+        return {name.removeprefix("mjDSBL_").lower() for name, bit in bits.items() if self.model.opt.disableflags & bit}
 
 
 def compile_document(text: str) -> Compiled:
@@ -60,17 +61,17 @@ def compile_file(path: Path) -> Compiled:
     return _compile(lambda mujoco: mujoco.MjModel.from_xml_path(str(path)))
 
 
-def _compile(compiler: Callable[[Any], Any]) -> Compiled:
+def _compile(compile_model: Callable[[Any], Any]) -> Compiled:
     """Compile a document by a function that takes the module `mujoco` and returns MuJoCo's model."""
     import mujoco
 
     try:
-        model = compiler(mujoco)
+        model = compile_model(mujoco)
         data = mujoco.MjData(model)
     except ValueError as error:
         raise DoesNotCompile(str(error)) from error
     except (MemoryError, RuntimeError) as error:  # a RuntimeError says only "an unknown exception"
-        raise DoesNotCompile("its compiler failed, as it does where memory does not suffice") from error
+        raise DoesNotCompile("its compiler failed, perhaps for lack of memory") from error
     mujoco.mj_kinematics(model, data)
     turns = np.array(data.ximat).reshape(-1, 3, 3)  # (bodies, 3, 3) rotations R from principal axes to world axes: R diag(I) R^T
     return Compiled(mujoco, model, data, np.einsum("kij,kj,klj->kil", turns, np.array(model.body_inertia), turns))

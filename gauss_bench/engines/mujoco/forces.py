@@ -7,7 +7,7 @@ from gauss_bench.engines import tree_loads
 from gauss_bench.engines.mjcf import forces
 from gauss_bench.engines.tree import turning as turning
 
-HOMES = {
+HOMES = {  # module -> names that are now there
     tree_loads: ("ALIGNED", "OnJoints", "Steady", "along_slide", "is_reaction", "on_joints", "slide_coordinate", "slide_motors"),
     forces: ("AtSite", "Native", "Tendon", "along_axis", "native_forces", "other_load", "point_force"),
 }

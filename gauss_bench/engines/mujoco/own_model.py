@@ -1,8 +1,8 @@
 """Run a user's MJCF model in MuJoCo with the model's own options, and convert the result to the motion of a planar linkage.
 
-The first of rigidly connected bodies stands for the link. Its pose follows from MuJoCo's joint coordinates, even if soft closures
-are open. The angle theta is a sum over the hinges between the body and the world, omega and alpha are its rates, and r is the
-link's centre of mass:
+A link may be several rigidly connected bodies of MuJoCo; the first of them stands for the link. Its pose follows from MuJoCo's
+joint coordinates, even if soft closures are open. The angle theta is a sum over the hinges between the body and the world, omega
+and alpha are its rates, and r is the link's centre of mass, with the local coordinates c:
 
     theta = theta_0 + sum of +-(qpos - ref)
     omega = J_rotation qvel . normal
@@ -31,13 +31,13 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast", "discrete")  # as MJCF calls them
 CLOSE = 1e-10  # [m, rad] change of joint coordinates at which Newton's method has converged
 ITERATIONS = 30  # largest number of Newton's iterations
-# parts of a model that `compare_models` does not compare as a whole: options are compared one by one, others change no motion
+# parts of a model that `compare_models` does not compare: the options in `opt` are compared one by one, the others change no motion
 UNCOMPARED = ("opt", "signature", "paths", "text_data", "names", "stat", "vis", "nbuffer")
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """How a compiled MuJoCo model with `nq` joint coordinates represents the links of a linkage.
+class LinkMap:
+    """The links of a linkage in a compiled MuJoCo model with `nq` joint coordinates.
 
     Attributes:
         bodies: for each link, MuJoCo's index of the first of the rigidly connected bodies that form the link.
@@ -63,7 +63,7 @@ class LinkStates(NamedTuple):
     jacobian: Array
 
 
-def settings_as_they_stand(path: str) -> dict[str, Any]:
+def read_options(path: str) -> dict[str, Any]:
     """Return name of an option in MJCF -> value, for the model of a file; solref and solimp are tables: closure -> value."""
     import mujoco
 
@@ -125,12 +125,12 @@ class OwnModelRun:
         y, dy: (k, nv) samples of joint coordinates and rates.
     """
 
-    def __init__(self, path: Path, seen: Seen, key: int, changes: Mapping[str, Any], choice: Choice):
+    def __init__(self, path: Path, link_map: LinkMap, key: int, changes: Mapping[str, Any], choice: Choice):
         """Compile the model of a file with the options in `changes` (name in MJCF -> value), and set its start."""
         import mujoco
 
         self.mujoco: Any = mujoco
-        self.seen, self.choice = seen, choice
+        self.link_map, self.choice = link_map, choice
         self.model: Any = open_model(mujoco, path)
         change_options(mujoco, self.model, changes)
         if choice.integrator:
@@ -150,26 +150,26 @@ class OwnModelRun:
 
     def absolute(self, y: Array, dy: Array) -> LinkStates:
         """Return the states of all links at joint coordinates y and rates dy (nv,), with the accelerations that MuJoCo computes."""
-        data, model, seen = self.forward(y, dy), self.still, self.seen
-        axes, normal = seen.plane[:2], seen.plane[2]  # of the plane of motion, in the world of MuJoCo
+        data, model, link_map = self.forward(y, dy), self.still, self.link_map
+        axes, normal = link_map.plane[:2], link_map.plane[2]  # of the plane of motion, in the world of MuJoCo
         q: list[float] = []
         jacobian: list[Array] = []
         bias: list[float] = []  # dJ/dt dy
-        for link, body in enumerate(seen.bodies):
+        for link, body in enumerate(link_map.bodies):
             # the link's centre of mass in the world: place of the body's frame plus the rotated local vector
-            place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ seen.locals[link]
+            place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ link_map.locals[link]
             # (3, nv) each: Jacobians of the point and of the rotation, and their time derivatives
             point, turn, point_rate, turn_rate = np.zeros((4, 3, model.nv))
             self.mujoco.mj_jac(model, data, point, turn, place, body)
             self.mujoco.mj_jacDot(model, data, point_rate, turn_rate, place, body)
-            q += [*(axes @ place), seen.angles[link] + seen.turns[link] @ y]
+            q += [*(axes @ place), link_map.angles[link] + link_map.turns[link] @ y]
             jacobian += [*(axes @ point), normal @ turn]
             bias += [*(axes @ point_rate @ dy), normal @ turn_rate @ dy]
         J = np.array(jacobian)
         return LinkStates(np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J)
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the joint coordinates and rates (nv,) of a state q, v (n,), by Newton's method, beginning with the model's start.
+        """Return the joint coordinates and rates (nv,) of a state q, v (n,), by Newton's method from the model's start.
 
         Raises:
             RunFailure: the joints of the model cannot reach the state.
@@ -177,6 +177,7 @@ class OwnModelRun:
         at_rest = np.zeros_like(self.y0)
 
         def residual(y: Array) -> tuple[Array, Array]:
+            """Return the difference (n,) of the links' positions from q, and its Jacobian (n, nv) by joint coordinates."""
             here = self.absolute(y, at_rest)
             return here.q - q, here.jacobian
 
@@ -187,7 +188,7 @@ class OwnModelRun:
         return y, minimum_norm(J, v)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return the accelerations (n,) of the links at a state q, v (n,); no force depends on time."""
+        """Return the accelerations (n,) of the links at a state q, v (n,); the time has no effect."""
         return self.absolute(*self.relative(q, v)).a
 
     def prepare(self, times: Array, native: bool = True) -> None:
@@ -212,11 +213,11 @@ class OwnModelRun:
         return Trajectory(self.times, q, v, a, sum(stretch.steps for stretch in self.plan))
 
 
-def acts_beside_loops(path: str, key: int, until: float) -> dict[str, Any]:
+def find_other_constraint(path: str, key: int, until: float) -> dict[str, Any]:
     """Run the model of a file from a keyframe until `until` [s], or until a contact, a joint limit or dry friction acts.
 
     Returns:
-        "what": a sentence that names the element which acts, empty if none does; and "at": the time [s].
+        "what": a sentence that names the acting element, empty if there is none; and "at": the time [s] at which the run ended.
     """
     import mujoco
 
@@ -235,14 +236,14 @@ def acts_beside_loops(path: str, key: int, until: float) -> dict[str, Any]:
 
 
 def name_row(mujoco: Any, model: Any, data: Any, kind: int, number: int) -> str:
-    """Return a sentence that names the element which causes a row of MuJoCo's constraints.
+    """Return a sentence about the element that causes a row of MuJoCo's constraints other than a closure.
 
     Args:
         kind: the row's member of mjtConstraint.
         number: index of the row's joint, tendon or contact.
     """
 
-    def call(tag: str, k: int) -> str:
+    def name_element(tag: str, k: int) -> str:
         """Return words for an element of MJCF: its tag with its name, or with its number if it has none."""
         name = getattr(model, tag)(k).name
         return f'<{tag} name="{name}">' if name else f"<{tag}> number {k + 1}"
@@ -255,10 +256,10 @@ def name_row(mujoco: Any, model: Any, data: Any, kind: int, number: int) -> str:
     }
     for name, (tag, does) in rows.items():
         if kind == int(getattr(mujoco.mjtConstraint, f"mjCNSTR_{name}")):
-            return f"{call(tag, number)} {does}"
+            return f"{name_element(tag, number)} {does}"
     a, b = (int(x) for x in data.contact.geom[number])
     bodies = [model.body(model.geom_bodyid[x]).name or "the world" for x in (a, b)]
-    return f"{call('geom', a)} of {bodies[0]} touches {call('geom', b)} of {bodies[1]}"
+    return f"{name_element('geom', a)} of {bodies[0]} touches {name_element('geom', b)} of {bodies[1]}"
 
 
 def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -271,7 +272,7 @@ def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[
     try:
         old, new = (mujoco.MjModel.from_xml_path(path) for path in (before, after))
     except ValueError as error:
-        return {"reason": f"MuJoCo does not compile the file there: {' '.join(str(error).split())}"}
+        return {"reason": f"MuJoCo cannot compile the file: {' '.join(str(error).split())}"}
     change_options(mujoco, old, changes)
     for expected, found in ((old, new), (old.opt, new.opt)):
         for name in dir(expected):
@@ -279,5 +280,5 @@ def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[
             if name.startswith("_") or callable(value) or name in UNCOMPARED:
                 continue
             if not np.array_equal(np.asarray(value), np.asarray(getattr(found, name))):
-                return {"reason": f"{name} of the compiled model is not as it should be: a file that it includes may set it"}
+                return {"reason": f"{name} of the compiled model has another value than intended: an included file may set it"}
     return {"reason": ""}

@@ -1,8 +1,8 @@
 """Cases that compare MuJoCo's releases beyond the adapter's runs: equality constraints that close loops, and default options.
 
-The models of the cases are MJCF documents, because every release of MuJoCo reads them, or refuses an equality that it does not
-know. The loops are closed in the reference pose, because MuJoCo takes anchors, lengths and relative poses from it. In the cases
-with the equality `weld`, the rod of the four-bar is two bodies that coincide, and the equality welds them to each other.
+The models of the cases are MJCF documents: every release of MuJoCo reads them, or refuses an equality that it does not know. The
+loops are closed in the reference pose, because MuJoCo takes anchors, lengths and relative poses from it. In the cases with the
+equality `weld`, the rod of the four-bar is two bodies in the same place, which the equality welds to each other.
 """
 
 from collections.abc import Sequence
@@ -79,9 +79,9 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     """Return the absolute accelerations (k, n) of a case at absolute states q, v (k, n); `name` is "CLOSURE, SOLVER"."""
     import mujoco
 
-    named, _, solver = name.rpartition(", ")
-    closure = CLOSURES[named]
-    model = mujoco.MjModel.from_xml_string(document(closure, solver))
+    closure_name, _, solver = name.rpartition(", ")
+    closure = CLOSURES[closure_name]
+    model = mujoco.MjModel.from_xml_string(write_document(closure, solver))
     data: Any = mujoco.MjData(model)
     disable(mujoco, model, ["mjDSBL_WARMSTART"])  # a result must not depend on the state that was evaluated before
 
@@ -94,15 +94,15 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     return accelerate_states(solve, q, v, closure.bars)
 
 
-def document(closure: Closure, solver: str) -> str:
-    """Return an MJCF document of a tree of bars whose loop is closed by the equality constraint of `closure`."""
+def write_document(closure: Closure, solver: str) -> str:
+    """Return an MJCF document of a tree of bars whose loops are closed by the equality constraints of `closure`."""
     bars = closure.bars
     pose = reference_pose(bars)
     bodies = "".join(write_bar(k, bars, pose) for k, bar in enumerate(bars) if bar.parent < 0)
     options = f'gravity="0 {GRAVITY} 0" integrator="Euler" solver="{solver}" iterations="300" tolerance="1e-15" {closure.options}'
     head = f'<compiler angle="radian"/><option {options}/>'
-    rest = f"<tendon>{closure.tendons}</tendon>" if closure.tendons else ""
-    return f"<mujoco>{head}<worldbody>{bodies}</worldbody>{rest}<equality>{closure.equality}</equality></mujoco>"
+    tendons = f"<tendon>{closure.tendons}</tendon>" if closure.tendons else ""
+    return f"<mujoco>{head}<worldbody>{bodies}</worldbody>{tendons}<equality>{closure.equality}</equality></mujoco>"
 
 
 def write_bar(number: int, bars: Sequence[Bar], pose: Sequence[float]) -> str:
@@ -124,39 +124,40 @@ def reference_pose(bars: Sequence[Bar]) -> list[float]:
     """Return the angles (bars,) of a pose with closed loops, each relative to the parent's [rad]."""
     if bars in (CHAIN, THREE_CRANKS):  # closed at zero angles
         return [0.0] * len(bars)
-    crank = 0.9  # [rad]
-    end = np.array([np.cos(crank), np.sin(crank)])
-    ground, rod, rocker = np.array([2.2, 0.0]), 2.0, 1.5
-    across = ground - end
-    distance = float(np.hypot(*across))
+    crank = 0.9  # [rad] an arbitrary angle
+    end = np.array([np.cos(crank), np.sin(crank)])  # of the crank, whose length is 1 m
+    pivot, rod, rocker = np.array([2.2, 0.0]), 2.0, 1.5  # the rocker's pin on the ground, and lengths [m]
+    line = pivot - end
+    distance = float(np.hypot(*line))
     # rod and rocker meet where circles about the crank's end and about the rocker's pin intersect
-    share = (rod**2 - rocker**2 + distance**2) / (2 * distance)  # along the line from the crank's end to the rocker's pin
-    height = float(np.sqrt(rod**2 - share**2))  # above that line
-    meeting = end + (share * across + height * np.array([-across[1], across[0]])) / distance
-    rod_angle, rocker_angle = (float(np.arctan2(x[1], x[0])) for x in (meeting - end, meeting - ground))
+    along = (rod**2 - rocker**2 + distance**2) / (2 * distance)  # along the line from the crank's end to the rocker's pin
+    height = float(np.sqrt(rod**2 - along**2))  # above that line
+    meeting = end + (along * line + height * np.array([-line[1], line[0]])) / distance
+    rod_angle, rocker_angle = (float(np.arctan2(x[1], x[0])) for x in (meeting - end, meeting - pivot))
     angles = {"crank": crank, "rod": rod_angle, "rocker": rocker_angle}
     theta = np.array([angles["rod" if bar.name == "twin" else bar.name] for bar in bars])
     return [float(x) for x in relative(theta, bars)]
 
 
 def defaults() -> dict[str, str]:
-    """Return name of an option of MuJoCo -> default value, and name of a member of an enumeration that it has -> "there"."""
+    """Return name of an option -> its default value, and name of each member of MuJoCo's enumerations KINDS -> "there"."""
     import mujoco
 
     body, equality = '<body name="a"><geom size="1"/><joint/></body>', '<connect body1="a" anchor="0 0 0"/>'
     text = f"<mujoco><worldbody>{body}</worldbody><equality>{equality}</equality></mujoco>"
     model: Any = mujoco.MjModel.from_xml_string(text)
     options = [name for name in dir(model.opt) if not name.startswith("_") and not callable(getattr(model.opt, name))]
-    found = {f"option {name}": write(getattr(model.opt, name)) for name in options}
-    found |= {f"equality {name}": write(getattr(model, name)) for name in ("eq_solref", "eq_solimp")}
-    found |= {f"joint {name}": write(getattr(model, name)) for name in ("dof_armature", "dof_damping", "jnt_stiffness")}
+    found = {f"option {name}": write_numbers(getattr(model.opt, name)) for name in options}
+    found |= {f"equality {name}": write_numbers(getattr(model, name)) for name in ("eq_solref", "eq_solimp")}
+    found |= {f"joint {name}": write_numbers(getattr(model, name)) for name in ("dof_armature", "dof_damping", "jnt_stiffness")}
     for kind in KINDS:
         if hasattr(mujoco, kind):
+            # names that begin with mjN are numbers of members
             members = (name for name in dir(getattr(mujoco, kind)) if name.startswith("mj") and not name.startswith("mjN"))
             found |= {f"{kind} {name}": "there" for name in members}
     return found
 
 
-def write(value: Any) -> str:
-    """Return a value as a text that does not depend on the types of a release: all numbers in it, written with 12 digits."""
+def write_numbers(value: Any) -> str:
+    """Return the numbers of a value as a text with 12 digits each, which does not depend on the types of a release."""
     return " ".join(f"{x:.12g}" for x in np.ravel(np.asarray(value, dtype=float)))
