@@ -63,7 +63,7 @@ class Guard:
         return ""
 
     def knows(self, token: str | None) -> bool:
-        """Tell whether a token is the right one, in a time that does not depend on the token."""
+        """Tell whether a token is the right one, in a time from which the right token cannot be guessed."""
         return token is not None and hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode())
 
 
@@ -74,7 +74,10 @@ class Rate:
         self.times: deque[float] = deque()
 
     def allows(self, now: float | None = None) -> bool:
-        """Count a message at the time `now` [s] and return True, or return False after too many within WINDOW seconds."""
+        """Count a message at the time `now` [s], by default the present one, and return True.
+
+        Return False, without counting it, if RATE messages have been counted in the last WINDOW seconds.
+        """
         now = time.monotonic() if now is None else now
         while self.times and self.times[0] <= now - WINDOW:
             self.times.popleft()
