@@ -51,6 +51,7 @@ class Cause(StrEnum):
         return OWN_PARTS.get(self, Part.MODEL)
 
 
+# causes that belong to another part than the model
 SAMPLING = (Cause.SHIFT, Cause.STRETCH, Cause.STATIONARY, Cause.WRAPPED, Cause.VELOCITIES)
 OWN_PARTS = {Cause.SOFTNESS: Part.SOFTNESS, Cause.INTEGRATOR: Part.INTEGRATOR, Cause.DRIFT: Part.DRIFT}
 OWN_PARTS |= {Cause.ROUND_OFF: Part.ROUND_OFF} | dict.fromkeys(SAMPLING, Part.SAMPLING)

@@ -235,7 +235,7 @@ def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
 
 
 def leave_out(document: Document, fault: Fault) -> None:
-    """Remove the part of a document that a fault names; a missing mass or inertia, a faulty format or name get a default instead."""
+    """Remove the part of a document that a fault names; a missing mass or inertia, a faulty format or name gets a default."""
     keys = split_path(fault.path)
     match keys:
         case ["links", str(name), "mass" | "inertia" as lacking] if isinstance(table(document, "links").get(name), dict):

@@ -50,13 +50,12 @@ def set_key(d: Drawing, message: Message) -> None:
 
 
 def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
-    """Return a copy of a parsed file, or of a value in it, with `change(text, key)` in place of every text and every key.
+    """Return a copy of a parsed file, or of a value x in it, with `change(text, key)` in place of every text and every key.
 
-    The values of the keys in TEXTS name nothing and stay.
+    Texts at the keys TEXTS stay, because they name no entry.
 
     Args:
-        change: function that returns the new text. Its second argument is the key whose value is the text, or contains it; for a
-            key of a table it is the key of that table.
+        change: function (text, key) -> new text, where `key` is the key whose value is the text, or is a list or table with it.
         key: key whose value is x; empty for the whole file, and for entries of groups, such as `links.A`, whose key is a name.
     """
     if isinstance(x, dict):
@@ -244,7 +243,7 @@ def add_force(d: Drawing, message: Message) -> None:
 
 
 def _add_cylinder(d: Drawing, entries: dict[str, Any]) -> None:
-    """Add a cylinder between the two points `entries["between"]`; the file gets the second edition of the format, which has cylinders.
+    """Add a cylinder between the two points `entries["between"]`, and change the file to the second edition, which has cylinders.
 
     The cylinder is refused if the file has a damper that would act differently in the second edition.
     """

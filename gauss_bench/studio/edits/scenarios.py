@@ -136,7 +136,7 @@ def make_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
     start: dict[str, Any] = {}
     for chosen in choose_held(mechanism, q, free):
         table_name, unit = ("angles_deg", UNITS["_deg"]) if chosen.kind == "angle" else (chosen.tables[0], 1.0)
-        values = [round_digits(value(x, q) * unit) for x in chosen.coordinates]  # x and y of a point, one of others
+        values = [round_digits(value(x, q) * unit) for x in chosen.coordinates]  # two of a point, one of any other kind
         start.setdefault(table_name, {})[chosen.name] = values if chosen.kind == "point" else values[0]
     return start
 
