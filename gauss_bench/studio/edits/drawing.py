@@ -177,11 +177,8 @@ class Drawing:
 
     def new_point_name(self, link: str) -> str:
         """Return an unused name for a point that is no pin: on a link an unused letter if there is any, else a number."""
-        if link != "ground":
-            for letter in LETTERS:
-                if letter not in self.points(link):
-                    return letter
-        return self.new_name("")
+        unused = [] if link == "ground" else [x for x in LETTERS if x not in self.points(link)]
+        return unused[0] if unused else self.new_name("")
 
     # pins
 
