@@ -166,7 +166,7 @@ def remove_orphans() -> None:
 
 
 def start_of(process: int) -> str:
-    """Return the start time of a process as /proc has it; "" if the process has ended; "alive" if the system has no /proc."""
+    """Return the start time of a process [clock ticks] as text; "" if it has ended. Without /proc, return "alive" while it runs."""
     with suppress(OSError, IndexError):
         # the fields after the name, which stands in brackets and may contain spaces: state first, start time as the 20th
         fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()

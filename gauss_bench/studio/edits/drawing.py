@@ -173,6 +173,7 @@ class Drawing:
         if not word:
             taken = taken.union(table(table(self.document, "assembly"), "sketch"), table(table(self.document, "ground"), "points"))
             taken = taken.union(*(table(link, "points") for _, link in items(self.document, "links")))
+        # of one number more than there are taken names, at least one is free
         return next(f"{word}{k}" for k in range(1, len(taken) + 2) if f"{word}{k}" not in taken)
 
     def new_point_name(self, link: str) -> str:
@@ -316,11 +317,11 @@ class Drawing:
         entries = self.link(link)
         places = {key: self.place(f"{link}.{key}") for key in entries["points"]}
         a, b = (places[x] for x in entries["bars"][0])
-        _, old = self.poses[link]
-        self.poses[link] = a, old + math.remainder(phase(b - a) - old, 2 * math.pi)  # without a jump by whole turns
+        _, theta = self.poses[link]
+        self.poses[link] = a, theta + math.remainder(phase(b - a) - theta, 2 * math.pi)  # without a jump by whole turns
         entries["points"] = {key: pair(self.to_local(link, x)) for key, x in places.items()}
 
-    def sketch(self) -> None:
+    def write_sketch(self) -> None:
         """Write the places of pins and links into the table `assembly`, from which the loader places the links.
 
         `assembly.sketch` gets places, and `assembly.angles` or `angles_deg` the angles of links whose points do not determine them.
@@ -341,8 +342,8 @@ class Drawing:
         angles = {name for key in ("angles", "angles_deg") for name in table(assembly, key)}
         slid = {owner(str(x.get(end))) for _, x in joints for end in ("guide", "block")}
         for link in [x for x in self.group("links") if x in self.poses]:
-            known, shows_angle = self._choose_points(link, pinned | old.keys())
-            drawn |= {x: pair(self.place(x), PLACED) for x in known if x not in pinned}
+            references, shows_angle = self._choose_points(link, pinned | old.keys())
+            drawn |= {x: pair(self.place(x), PLACED) for x in references if x not in pinned}
             if not shows_angle and link not in angles and link not in slid:
                 angles.add(link)
                 assembly.setdefault("angles_deg", {})[link] = 0.0  # an entry, whose value is written below

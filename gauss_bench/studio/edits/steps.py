@@ -36,12 +36,12 @@ def edit_document(session: Session, change: Callable[[Drawing], object], moves: 
     change(d)
     if moves:
         _check_locks(session.locks, d)
-        d.sketch()  # writes the changed places into the document, from which `read` closes the joints
+        d.write_sketch()  # writes the changed places into the document, from which `read` closes the joints
     else:
         d.tidy()
     after = read(d.document, starts=False)
     if moves and after.closed:
-        Drawing(d.document, after).sketch()
+        Drawing(d.document, after).write_sketch()
         update_starts(d.document, before, after)
     start_released(d.document, after)
     session.replace(write_document(session.text, d.document), session.locks)
@@ -63,7 +63,7 @@ def try_move(session: Session, message: Message) -> Reading:
     d = Drawing(session.document, session.reading)
     move(d, message)
     _check_locks(session.locks, d)
-    d.sketch()
+    d.write_sketch()
     return read(d.document, starts=False)
 
 

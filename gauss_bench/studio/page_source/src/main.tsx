@@ -131,7 +131,7 @@ function Page(): JSX.Element {
 
 paint();
 addEventListener("keydown", shortcuts);
-addEventListener("error", () => (said.value = { text: "Something in the page went wrong. The linkage is safe with the server; loading the page again helps.", level: "error" }));
+addEventListener("error", () => (said.value = { text: "The page has a fault. The server still has the linkage: load the page again.", level: "error" }));
 const root = document.getElementById("studio")!;
 root.replaceChildren();
 render(<Page />, root);

@@ -57,10 +57,10 @@ effect(() => {
 /** What the better of its two drives does. */
 const verdict = ({ drives }: FourBar): string =>
   drives.some((d) => !d.fault)
-    ? "It takes the poses in their order, on one branch."
+    ? "It passes through the poses in their order, on one branch."
     : drives.some((d) => d.fault === "order")
-      ? "It takes the poses in another order."
-      : "It does not get from pose to pose.";
+      ? "It passes through the poses in another order."
+      : "It cannot move from pose to pose.";
 
 /** Makes it the sketch; it is driven by the connection by which it takes the poses. Both are undone together. */
 async function draw(drive: boolean): Promise<void> {

@@ -101,7 +101,7 @@ export function Release(): JSX.Element {
   const missing = engines.filter((e) => !e.here && [engine, overlay, "gauss-native", "mujoco"].includes(e.name));
   const go = async (): Promise<void> => {
     if (hasRefused("dialog")) return;
-    if (!(until > 0)) return say("The duration is a positive number of seconds.", "error");
+    if (!(until > 0)) return say("The duration must be a positive number of seconds.", "error");
     runs.value = [];
     compared.value = [];
     ghost.value = null;
@@ -111,7 +111,7 @@ export function Release(): JSX.Element {
   };
   return (
     <Sheet title="Release">
-      <p class="note">The linkage starts from the sketch and moves under gravity, springs and torques. Another engine can be laid over it, to see where the two part and by how much.</p>
+      <p class="note">The linkage starts in the drawn position and moves under gravity, springs and torques. The motion of a second engine can be drawn over it, to see where the two differ and by how much.</p>
       <div class="triple">
         <NumberField label="Until" unit="s" value={until} send={(v) => setUntil(v!)} />
         <label class="field">
@@ -194,7 +194,7 @@ export function Recommend(): JSX.Element {
   };
   return (
     <Sheet title="Which engine, with which setting">
-      <p class="note">Engines are run on this linkage, against a certified reference; the cheapest setting that keeps your accuracy comes first.</p>
+      <p class="note">The search runs engines on this linkage and compares them with a certified reference; the cheapest setting with the required accuracy comes first.</p>
       <div class="triple even">
         <NumberField label="Position to within" unit="m" value={position} send={(v) => setPosition(v!)} />
         <NumberField label="In at most" unit="s" value={budget} send={(v) => setBudget(v!)} />
@@ -245,7 +245,7 @@ export function Recommend(): JSX.Element {
       </ol>
       {now.done && now.answers.some((a) => a.status !== "ok") && (
         <details class="fallen">
-          <summary>Engines that do not hold it, and why</summary>
+          <summary>Engines that miss this accuracy, and why</summary>
           <ul>
             {now.answers.filter((a) => a.status !== "ok").map((a) => (
               <li key={a.engine}>

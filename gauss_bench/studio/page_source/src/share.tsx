@@ -45,7 +45,7 @@ export function LookLink(): JSX.Element {
   return (
     <section class="look">
       <h3>A link to look at</h3>
-      <p class="note">Opens without an installation: a page draws the linkage and its motion, and shows the file. Everything is in the address.</p>
+      <p class="note">The link opens a page that draws the linkage and its motion, and shows the file. It needs no installation: the address contains everything.</p>
       <div class="row">
         <button type="button" class="strong" disabled={busy} onClick={() => void make()}>
           {busy ? "Making the link …" : "Make a link to look at"}

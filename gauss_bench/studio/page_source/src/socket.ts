@@ -24,7 +24,7 @@ export function listen(hear: (event: Event) => void): void {
 /** Sends one request; the reply, or `Refused` with the server's sentence. */
 export function ask(verb: string, what: object = {}): Promise<Reply> {
   if (!socket || socket.readyState !== WebSocket.OPEN) {
-    return Promise.reject(new Refused({ text: "The studio's server is not there. The page tries again by itself." }));
+    return Promise.reject(new Refused({ text: "The studio's server does not answer. The page tries again by itself." }));
   }
   const id = ++last;
   const here = socket;

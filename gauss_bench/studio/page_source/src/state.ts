@@ -203,8 +203,8 @@ let later: ReturnType<typeof setTimeout> | undefined;
 let wanted = 0;
 export const motionNote = signal("");
 
-const OPEN = "What does not assemble does not move: see the problems.";
-const FAST = "Nothing can move: the links hold each other fast. Take one away, or a pin off the ground.";
+const OPEN = "The linkage does not assemble and cannot move: see the problems.";
+const FAST = "Nothing can move: there is no degree of freedom. Delete a link, or release a pin from the ground.";
 const LOOSE = "Nothing can be driven yet: pin a link to the ground.";
 
 /** Computes the driven motion of the scene anew, a moment from now. */

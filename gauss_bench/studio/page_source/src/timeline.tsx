@@ -51,7 +51,7 @@ function Drive(): JSX.Element | null {
   const more = drivers.length === 0 || drivers.length < (now.status.dof ?? 0);
   return (
     <details ref={ref} class="drive" onKeyDown={away}>
-      <summary title="What moves, and by which law">{named.length ? `Drives ${named.join(", ")}` : "Driver"}</summary>
+      <summary title="The driven coordinates and their motion laws">{named.length ? `Drives ${named.join(", ")}` : "Driver"}</summary>
       <div class="pop">
         {drivers.map((driver) => (
           <OneDriver key={nameOf(driver)} driver={driver} free={free} duration={table.duration ?? 1} />
@@ -201,13 +201,13 @@ export function Timeline(): JSX.Element {
           class="quiet"
           aria-pressed={showCentres.value}
           aria-label="Instant centres"
-          title="Points about which every two links turn at this instant"
+          title="Points about which two links turn relative to each other at this instant"
           onClick={() => (showCentres.value = !showCentres.value)}
         >
           <span class="long">Instant centres</span>
           <span class="short">Centres</span>
         </button>
-        <button type="button" class="quiet" title="Let it go under gravity and torques, and lay another engine over it" onClick={() => (dialog.value = "release")}>
+        <button type="button" class="quiet" title="Release the linkage under gravity and torques, and compare engines" onClick={() => (dialog.value = "release")}>
           Release
         </button>
         {moving.value && (
@@ -241,7 +241,7 @@ export function Timeline(): JSX.Element {
                 {c.title}
               </button>
             ))}
-            <button type="button" class="table" title="The table of all curves, those not on show included, with their units" onClick={downloadTable}>
+            <button type="button" class="table" title="Download a table of all curves, also hidden ones, with their units" onClick={downloadTable}>
               CSV
             </button>
             {now!.singular.map((spot, n) => (

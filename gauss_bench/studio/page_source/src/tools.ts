@@ -114,7 +114,7 @@ async function observe(picks: Target[]): Promise<unknown> {
   const pick = picks[0]!;
   const link = linkOf(pick);
   if (!link) {
-    say("Only points of moving links are observed: click on a bar, a plate or a pin.", "error");
+    say("Only points of moving links can be observed: click on a bar, a plate or a pin.", "error");
     return null;
   }
   const point = pointOf(pick.pin ?? (await made("add_point", { link, at: pick.at })) ?? "");
@@ -123,13 +123,13 @@ async function observe(picks: Target[]): Promise<unknown> {
 
 export const TOOLS: Tool[] = [
   { id: "select", name: "Select", key: "v", help: "Select things, and drag a joint to move the linkage. Drag empty space to move the view.", asks: [] },
-  { id: "reshape", name: "Reshape", key: "m", help: "Drag a joint to another place: its links get other lengths, shown as you drag. On another joint it is joined.", asks: [] },
+  { id: "reshape", name: "Reshape", key: "m", help: "Drag a joint to another place: the lengths of its links change, and are shown as you drag. Drop it on another joint to join both.", asks: [] },
   {
     id: "ground",
     name: "Ground pivot",
     key: "g",
-    help: "A pin that is fixed to the ground. Click a place, or a pin that shall be fixed.",
-    asks: ["Click where the ground holds a pin"],
+    help: "A pin that is fixed to the ground. Click a place, or a pin to be fixed.",
+    asks: ["Click a place or a pin"],
     make: ([pick]) => (pick!.pin !== null ? change("ground", { pin: pick!.pin, on: true }) : change("add_pin", { at: pick!.at, ground: true })),
   },
   {
@@ -157,7 +157,7 @@ export const TOOLS: Tool[] = [
     name: "Slider",
     key: "s",
     help: "A block with a pin that slides along a straight guide on the ground, or along a bar (a pin in a slot).",
-    asks: ["Click the pin that shall slide", "Click a bar as the slot, or where the line on the ground leads"],
+    asks: ["Click the pin that will slide", "Click a bar as the slot, or a place on the ground to which the line leads"],
     make: slider,
   },
   {
@@ -191,14 +191,14 @@ export const TOOLS: Tool[] = [
     id: "poses",
     name: "Poses",
     key: "q",
-    help: "Three poses of a coupler, each by two of its points: gives the four-bar that takes them, with its fixed pivots.",
+    help: "Give three poses of a coupler, each by two of its points, and find a four-bar that passes through them.",
     asks: [
       ...["first", "second", "third"].flatMap((n) => [`Click the first pin in the ${n} pose`, n === "first" ? "Click the second pin" : "Click where the second pin points to"]),
       ...["", ""], // two fixed pivots, for which the bar beside the drawing asks
     ],
     make: async (list) => void (posed.value = list.map((p) => p.at)),
   },
-  { id: "picture", name: "Picture", key: "p", help: "A picture behind the grid to draw over, scaled by two points you know the distance of.", asks: ["Click the first of two points of the picture", "Click the second"] },
+  { id: "picture", name: "Picture", key: "p", help: "A picture behind the grid to draw over, scaled by two points of known distance.", asks: ["Click the first of two points of the picture", "Click the second"] },
 ];
 
 export const posed = signal<XY[] | null>(null); // the places of three poses and two fixed pivots

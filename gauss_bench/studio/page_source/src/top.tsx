@@ -74,7 +74,7 @@ export function Top(): JSX.Element {
             <b data-testid="loop-count">{status.loops}</b> {status.loops === 1 ? "loop" : "loops"}
           </li>
           {(status.redundant ?? 0) > 0 && (
-            <li class="doubtful" title="Constraints that say nothing new">
+            <li class="doubtful" title="Redundant constraints">
               <b>{status.redundant}</b> redundant
             </li>
           )}
@@ -135,7 +135,7 @@ export function ViewSwitches(): JSX.Element {
       <button type="button" class="icon" aria-label="Names" aria-pressed={names.value} title="Show names" onClick={() => (names.value = !names.value)}>
         <Sign of="tag" />
       </button>
-      <select class="unit" aria-label="Unit of lengths" title="Unit in which lengths are shown; a field takes 12 mm, 0.5 in or 1.2 m whatever is chosen" value={length.value} onChange={(e) => measureIn(e.currentTarget.value as Length)}>
+      <select class="unit" aria-label="Unit of lengths" title="Unit in which lengths are shown; a field accepts 12 mm, 0.5 in or 1.2 m with any unit" value={length.value} onChange={(e) => measureIn(e.currentTarget.value as Length)}>
         {LENGTHS.map((unit) => (
           <option key={unit}>{unit}</option>
         ))}
