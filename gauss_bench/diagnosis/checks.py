@@ -49,11 +49,11 @@ Findings = Generator[tuple[bool | np.bool_, str], None, None]  # (whether a faul
 
 
 def check(findings: Callable[[], Findings]) -> Callable[[], str | None]:
-    """Make a check of a function that yields findings: return the sentence of the first fault that shows, or None."""
+    """Turn a function that yields findings into a check, which returns the sentence of the first fault that shows, or None."""
 
     @wraps(findings)
     def first_fault() -> str | None:
-        with closing(findings()) as found:
+        with closing(findings()) as found:  # leaves the contexts inside a generator that has not reached its end
             return next((sentence for is_wrong, sentence in found if is_wrong), None)
 
     return first_fault

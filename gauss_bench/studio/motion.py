@@ -44,7 +44,7 @@ def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
         possible = find_drivable(reading)
         if not possible:
             raise Refused("nothing can be driven yet: draw a link that is pinned to the ground, or a slide")
-        d = Drawing(document | {"scenarios": {}}, reading)
+        d = Drawing(document | {"scenarios": {}}, reading)  # a copy, which gets the scenario "driven" alone
         drive(d, {"coordinate": possible[0]["name"]})
         text, scenario = write_document(text, d.document), DRIVEN
     with temporary_file(text, document.get("name")) as path:

@@ -263,5 +263,7 @@ def answer(session: Session, message: Message) -> Reply:
     except Exception as fault:
         text = f"a fault of the studio, not of the drawing: {type(fault).__name__}: {in_a_sentence(fault)}"
         error |= {"text": text, "fault": True}
+    if "text" in error:
+        reply = {"ok": False, "error": error}
     has_id = isinstance(id, (int, str)) and not isinstance(id, bool)
-    return {"id": id if has_id else None} | ({"ok": False, "error": error} if "text" in error else reply)
+    return {"id": id if has_id else None} | reply

@@ -57,9 +57,9 @@ def _connect(d: Drawing, pins: list[Pin], word: str) -> None:
             raise Refused(text, (f"pins.{b.id}", f"pins.{a.id}"))
     name = d.new_name(word, "links")
     d.add_link(name, pins[0].at, phase(pins[1].at - pins[0].at), {"bars": [], "kg_per_m": KG_PER_M})
-    ends = [tail(d.attach(pin, name).members[-1]) for pin in pins]
+    ends = [tail(d.attach(pin, name).members[-1]) for pin in pins]  # names of the new points
     polygon = [[a, b] for a, b in zip(ends, [*ends[1:], ends[0]], strict=True)]
-    d.link(name)["bars"] = polygon if len(ends) > 2 else polygon[:1]
+    d.link(name)["bars"] = polygon if len(ends) > 2 else polygon[:1]  # between two points both sides are the same bar
 
 
 def add_point(d: Drawing, message: Message) -> None:
