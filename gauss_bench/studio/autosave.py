@@ -97,10 +97,8 @@ class Autosave:
         unsaved = []
         with suppress(OSError):
             for path in cache_folder().glob(f"{self.key}.*.json"):
-                if path == self.file or path.is_symlink():
-                    continue
                 with suppress(OSError, ValueError, KeyError, TypeError):  # a damaged file, or one that vanishes, hides no other
-                    if not path.is_file() or path.stat().st_size > LARGEST:
+                    if path == self.file or path.is_symlink() or not path.is_file() or path.stat().st_size > LARGEST:
                         continue
                     content = json.loads(path.read_text(encoding="utf-8"))
                     process = int(content["process"])

@@ -1,4 +1,4 @@
-// What opens over the page: gallery and files, save, export and share, other assemblies, help.
+// The dialogs: gallery and files, save, export and share, other assemblies, help.
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useState } from "preact/hooks";
@@ -29,18 +29,18 @@ const drawings = signal<Record<string, string>>({});
 let wanted: string[] = [];
 let fetching = false;
 
-/** Asks for the drawings that cards want, one at a time, so that a click never waits for more than one of them. */
+/** Requests the drawings of cards one by one, so that the reply to a click waits for one drawing at most. */
 async function fetchDrawings(): Promise<void> {
   if (fetching) return;
   fetching = true;
   for (let name = wanted.shift(); name !== undefined; name = wanted.shift()) {
-    const reply = await ask("drawing", { name }).catch(() => null); // a card without a drawing still says what it is
+    const reply = await ask("drawing", { name }).catch(() => null); // a card without a drawing still has its title
     drawings.value = { ...drawings.value, [name]: String(reply?.svg ?? "") };
   }
   fetching = false;
 }
 
-/** A linkage of the gallery; its drawing is asked for while the card is there. */
+/** A card of the gallery with a linkage; its drawing is requested while the card is shown. */
 function Card({ entry, go }: { entry: Template; go: () => unknown }): JSX.Element {
   const drawing = entry.drawing ?? drawings.value[entry.name] ?? "";
   useEffect(() => {
@@ -312,7 +312,7 @@ function Help(): JSX.Element {
 }
 
 
-/** The tool for a picture: reads one, lays it across the window, and scales it by two points and their distance. */
+/** The tool for a picture: reads the picture, fits it to the window, and scales it by two points and their distance. */
 export function PictureBar(): JSX.Element | null {
   const [pair, setPair] = useState<[[number, number], [number, number]] | null>(null);
   const [metres, setMetres] = useState<number | null>(null);
@@ -344,7 +344,7 @@ export function PictureBar(): JSX.Element | null {
     const [a, b] = pair;
     const f = metres! / Math.hypot(b[0] - a[0], b[1] - a[1]);
     const at = [a[0] + f * (picture.at[0] - a[0]), a[1] + f * (picture.at[1] - a[1])];
-    await edit("picture", { picture: { at, width: picture.width * f, height: picture.height * f } }); // the picture itself is there
+    await edit("picture", { picture: { at, width: picture.width * f, height: picture.height * f } }); // without a URL the server changes place and size of the present picture
     setPair(null);
     setMetres(null);
     choose("select");

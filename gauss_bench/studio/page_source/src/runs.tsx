@@ -1,4 +1,4 @@
-// What runs in workers of the server: release and its overlay, and which engine to take.
+// Jobs of the server: release, comparison with a second engine, and the search for an engine.
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useState } from "preact/hooks";
@@ -40,7 +40,7 @@ const compared = signal<Compare[]>([]);
 const progress = signal("");
 const advice = signal<{ job: number | null; answers: Answer[]; done: boolean; note: string }>({ job: null, answers: [], done: true, note: "" });
 
-/** What the server says unasked. */
+/** Handles an event of the server. */
 export function hear(event: Event): void {
   if (event.event === "singular") {
     if (motion.value && motion.value.job === event.job) motion.value = { ...motion.value, singular: event.singular as Motion["singular"] };
@@ -56,7 +56,7 @@ export function hear(event: Event): void {
     progress.value = "";
     if (event.error) say(String(event.error), "error");
   } else if (event.event === "recommend" && event.job === advice.value.job) {
-    const more = event.answer as Answer | undefined; // better than what its engine had; at the end all of them, by their cost
+    const more = event.answer as Answer | undefined; // replaces an earlier answer for its engine; the last event has all answers, sorted by cost
     const others = advice.value.answers.filter((a) => a.engine !== more?.engine);
     const answers = (event.answers as Answer[] | undefined) ?? (more ? [...others, more] : others);
     advice.value = { ...advice.value, answers, note: typeof event.advice === "string" ? event.advice : advice.value.note };
@@ -90,7 +90,7 @@ const Engines = ({ of }: { of: { name: string; here: boolean }[] }): JSX.Element
   </>
 );
 
-/** The first of these engines that is installed, else the last of them. */
+/** Returns the first of these engines that is installed, else the last one. */
 const usable = (...names: string[]): string => names.find((name) => hello.value?.engines.some((e) => e.name === name && e.here)) ?? names.at(-1)!;
 
 export function Release(): JSX.Element {
@@ -171,7 +171,7 @@ export function Release(): JSX.Element {
   );
 }
 
-/** How far two runs are apart over time, on a scale of powers of ten. */
+/** The distance of two runs over time, on a logarithmic scale. */
 function Apart({ curve }: { curve: NonNullable<Compare["curve"]> }): JSX.Element {
   const [at, go] = useState(0);
   const [under, look] = useState<number | null>(null);

@@ -1,4 +1,4 @@
-// Above the drawing: files, undo, what the linkage is, the switches of the view.
+// The bar above the drawing: files, undo, name and state of the linkage; and the switches of the view.
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { names } from "./canvas";
@@ -26,7 +26,7 @@ function turn(): void {
   paint();
 }
 
-/** The name that the next save writes to; the first save asks for one. */
+/** Saves the drawing to its file; opens the dialog Save if the drawing has no file, or if saving needs a confirmation. */
 async function save(): Promise<void> {
   if (!scene.value?.path || (!(await edit("save")) && said.value?.field === "replace")) dialog.value = "save";
 }
@@ -144,7 +144,7 @@ export function ViewSwitches(): JSX.Element {
   );
 }
 
-/** What the tool in hand asks for next, or what was last said; read aloud. */
+/** The next request of the chosen tool, or the last message; screen readers read it aloud. */
 export function Prompt(): JSX.Element {
   const hand = current();
   const ask = posed.value ? "" : hand.asks[Math.min(picks.value.length, hand.asks.length - 1)];

@@ -1,4 +1,4 @@
-// The tour of the first run: five steps, beside what they speak of. Once left it does not come back by itself.
+// The tour at the first start: five steps, each beside the part of the page that it explains. It is shown only once.
 import type { JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { anew, edit, touring } from "./state";
@@ -63,7 +63,7 @@ export function Tour(): JSX.Element | null {
   );
 }
 
-/** On an empty drawing: three ways to begin. */
+/** Opens a template from an empty drawing. */
 export async function begin(name: string): Promise<void> {
   if (await edit("template", { name })) anew();
 }
