@@ -215,8 +215,9 @@ def _move_pin(d: Drawing, pin: Pin, at: complex) -> None:
     if not pin.members:
         d.group("assembly", "sketch")[pin.id] = pair(at)
     joints = [x for _, x in items(d.document, "joints")]
-    # reference of a point -> number of places in joints at which it is named
-    used = Counter(str(x) for joint in joints for x in (joint.get("guide"), joint.get("block"), *sequence(joint, "at")))
+    used: Counter[str] = Counter()  # reference of a point -> how many times joints name it
+    for joint in joints:
+        used.update(map(str, (joint.get("guide"), joint.get("block"), *sequence(joint, "at"))))
     for joint in joints:
         guide = str(joint.get("guide"))
         if joint.get("block") in pin.members and owner(guide) == "ground" and used[guide] == 1:
