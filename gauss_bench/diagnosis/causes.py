@@ -45,7 +45,7 @@ class Cause(StrEnum):
 
     @property
     def part(self) -> Part | None:
-        """The part of the error to which the cause belongs; None if there is no dominant cause."""
+        """The part of the error to which the cause belongs; None if no cause dominates or the cause is unknown."""
         if self in (Cause.NONE, Cause.UNKNOWN):
             return None
         return OWN_PARTS.get(self, Part.MODEL)

@@ -192,6 +192,8 @@ def diagnose_runs(
 class Case:
     """The measurements of one engine on one linkage, and the questions that lead to the verdict.
 
+    The methods `_find_...` answer one question each; they return None if they do not find the fault that they look for.
+
     Attributes:
         first: the burst of the run with the requested setting; true: reference states at its checkpoints.
         position_errors: (k, n) errors of this run at its checkpoints [m, rad].
@@ -228,7 +230,7 @@ class Case:
         self.whole = split.size(self.position_errors[: self.steps.horizon])
         self.closure = split.closure_of(own, self.bursts, self.position_errors[: self.steps.horizon])
         self.sound = tuple(b[split.usable(own, b, OPEN * own.mechanism.size)] for b in self.bursts)
-        self.local = tuple(split.local(own, b) if len(b.at) else None for b in self.sound)
+        self.local = tuple(split.measure_local_errors(own, b) if len(b.at) else None for b in self.sound)
         count = len(self.sound[-1].at)
         self.start = States(np.zeros(count), *(np.tile(x, (count, 1)) for x in (own.mechanism.q0, own.mechanism.v0)))
         self.noise = self._acceleration_noise()
@@ -323,7 +325,7 @@ class Case:
         """Detect from the first part of the run whether the engine reports its links or joint coordinates in a wrong order."""
         # the start and the first third of the checkpoints (at least three), before integration errors have grown
         reported = _join_states(self.first.start, self.first.at[slice(0, max(3, len(self.first.at) // split.PERIODS))])
-        reordered = samples.order(self.own.mechanism, self.truth.at(reported.t), reported)
+        reordered = samples.find_order(self.own.mechanism, self.truth.at(reported.t), reported)
         if reordered is None:
             return None
         wrong_order, left = reordered
@@ -369,13 +371,13 @@ class Case:
         """
         # from the start on, because the state may jump before the first checkpoint
         reported = _join_states(self.first.start, self.first.at)
-        k = samples.suspicious_window(reported, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
+        k = samples.find_suspicious_interval(reported, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
         if k is None or self.adaptive:
             return None
         h = self.first.step
         steps = np.unique([0, *range(round(reported.t[k] / h), round(reported.t[k + 1] / h) + 1)])
         x = self.run(self.choices[0], sampling_at(h, steps * h)).trajectory
-        jump = samples.jump(self.own, States(x.t, x.q, x.v)) if x else None
+        jump = samples.find_jump(self.own, States(x.t, x.q, x.v)) if x else None
         if jump is None:
             return None
         self.jump_time, size, to_start = jump
@@ -402,7 +404,7 @@ class Case:
         """Test whether the steps are correct, but states are reported at shifted or scaled times, or the start is wrong."""
         h = self.first.step
         for stretch in (False, True):  # first a shift alone, then a shift and a factor on time
-            fit = samples.time_map(self.truth, self.first.at, stretch)
+            fit = samples.fit_time_map(self.truth, self.first.at, stretch)
             if fit is None or not (self._scales_with_step(fit, stretch) and self._steps_are_sound(fit)):
                 continue
             left = f"at those times {fit.left:.1%} of the error is left"
@@ -435,7 +437,7 @@ class Case:
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
             return True
-        fit = samples.time_map(self.truth, finest.at, stretch)
+        fit = samples.fit_time_map(self.truth, finest.at, stretch)
         if fit is None:
             return False
         if stretch:

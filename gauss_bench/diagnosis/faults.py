@@ -81,6 +81,7 @@ class FaultyModel(InterpretedModel):
         return constraints.J, constraints.gamma
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) that the engine computes with its fault."""
         return self._solve(t, self.fault.terms(self.evaluator.terms(t, q, v), self, t, q, v)).a
 
     def stabilized(self, t: float, q: Array, v: Array) -> Array:
@@ -89,6 +90,7 @@ class FaultyModel(InterpretedModel):
         return self.acceleration(t, q, v)
 
     def _solve(self, t: float, terms: Terms) -> Solution:
+        """Return the solution for the terms, as the fault changes it."""
         return self.fault.solved(super()._solve(t, terms), terms, self)
 
     def prepare(self, times: Array, native: bool = True) -> None:

@@ -42,7 +42,7 @@ def _state(x: States, pace: float) -> Array:
     return np.hstack([x.q, x.v * pace])
 
 
-def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | None:
+def fit_time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | None:
     """Fit the map true time = shift + rate * reported time to reported samples by Gauss-Newton steps.
 
     The error is the distance of a reported state from the true state, with velocities in units of positions. Return None if the fit
@@ -89,7 +89,7 @@ def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
     return float(np.clip(np.median(rates), 0.2, 5.0)) if len(rates) else 1.0
 
 
-def order(mechanism: Mechanism, truth: States, reported: States) -> tuple[str, float] | None:
+def find_order(mechanism: Mechanism, truth: States, reported: States) -> tuple[str, float] | None:
     """Find a permutation of the reported links or joint coordinates that fits the true motion much better than the reported order.
 
     Return the wrong order in words and the share of the error that the permutation leaves; None if every permutation leaves more
@@ -134,7 +134,7 @@ def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[
         yield "joint velocities", dy.T, true_dy.T, named
 
 
-def suspicious_window(reported: States, a: Array) -> int | None:
+def find_suspicious_interval(reported: States, a: Array) -> int | None:
     """Return the index of the checkpoint after which the state may have jumped, or None.
 
     The state may have jumped if velocities and accelerations a (k, n) at two checkpoints leave more than SUSPICIOUS of the
@@ -148,7 +148,7 @@ def suspicious_window(reported: States, a: Array) -> int | None:
     return k if len(unexplained) and unexplained[k] > SUSPICIOUS else None
 
 
-def jump(own: OwnMotion, dense: States) -> tuple[float, float, bool] | None:
+def find_jump(own: OwnMotion, dense: States) -> tuple[float, float, bool] | None:
     """Return time [s] and size [m, rad] of a jump of the state, and whether it leads back to the start; None if there is none.
 
     `dense` has the start, and then samples at every step. Of the displacements in one step that the mean velocity does not explain,

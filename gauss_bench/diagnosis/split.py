@@ -171,7 +171,7 @@ def _compare_gap_with_force(own: OwnMotion, b: Burst, worst: int) -> tuple[float
 
 
 @dataclass(frozen=True, eq=False)
-class Local:
+class LocalErrors:
     """Errors of an engine's accelerations and steps at its own states, on which earlier errors of the motion have no influence.
 
     Attributes:
@@ -188,7 +188,7 @@ class Local:
     relative_implied: float
 
 
-def local(own: OwnMotion, b: Burst) -> Local:
+def measure_local_errors(own: OwnMotion, b: Burst) -> LocalErrors:
     """Compare the accelerations of a run with those of the linkage's equations of motion, at the engine's own states."""
     h = b.after.t - b.at.t  # (k,)
     true = own.accelerations(b.at)
@@ -197,7 +197,7 @@ def local(own: OwnMotion, b: Burst) -> Local:
     relative_reported = float(np.median(relative_acceleration_error(b.a, true)))
     relative_implied = float(np.median(relative_acceleration_error(mean, true_mean)))
     # an explicit Euler step would have the acceleration `true` at its beginning as its mean acceleration
-    return Local(b.a - true, mean - true_mean, true - true_mean, relative_reported, relative_implied)
+    return LocalErrors(b.a - true, mean - true_mean, true - true_mean, relative_reported, relative_implied)
 
 
 def usable(own: OwnMotion, b: Burst, largest_gap: float) -> Array:

@@ -57,7 +57,7 @@ def release(session: Session, message: Message) -> dict[str, Any]:
 
 
 def _check_usable(engines: list[Any]) -> None:
-    """Refuse a list of engines of which one does not exist or cannot be used on this machine."""
+    """Refuse a list of engines if one of them does not exist or cannot be used on this machine."""
     names = all_names()
     for engine in engines:
         if engine not in names:

@@ -128,7 +128,7 @@ WORK: dict[str, Callable[[Mapping[str, Any], Send], None]] = {"release": release
 
 
 def _end_with_the_studio() -> None:
-    """Wait for standard input to close, then kill this process and all that it has started."""
+    """Wait for standard input to close, then kill this process and all processes that it has started."""
     with contextlib.suppress(OSError, ValueError):
         while os.read(0, 1):
             pass

@@ -114,7 +114,7 @@ class Drawing:
         return entries
 
     def is_written(self, link: str) -> bool:
-        """Tell whether a link has a table in the file: the ground and all links have, but not the parts of a cylinder."""
+        """Tell whether the file can name points of a link: true for the ground and all links, false for the parts of a cylinder."""
         return link == "ground" or link in self.group("links")
 
     def written_points(self, link: str) -> dict[str, Any]:
@@ -209,7 +209,7 @@ class Drawing:
         return pin
 
     def joint_of(self, pin: Pin) -> str | None:
-        """Return the name of the file's joint at a pin; None for a pin of a single point, or of none."""
+        """Return the name of the joint of the file that joins points of a pin; None if there is no such joint."""
         for name, joint in items(self.document, "joints"):
             if joint.get("type") == "revolute" and any(x in pin.members for x in sequence(joint, "at")):
                 return name
@@ -221,7 +221,7 @@ class Drawing:
         return wanted if wanted not in taken and NAME.fullmatch(wanted) else self.new_name("")
 
     def remove_from_sketch(self, pin: Pin) -> None:
-        """Remove the entry with a pin's id from the sketch of the file, which only a pin that joins nothing has."""
+        """Remove the entry with a pin's id from the sketch of the file; only a pin that joins nothing has such an entry."""
         table(table(self.document, "assembly"), "sketch").pop(pin.id, None)
 
     def attach(self, pin: Pin, link: str) -> Pin:
