@@ -124,6 +124,7 @@ def ask_gate(figures: Figures, baseline: Figures) -> str | None:
     key = dict(zip(KEY, ("linkage", "scenario", "engine", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 
     def rows_of(case: Figures) -> list[Row]:
+        """Return a row for each figure, with numbers as texts, as in the stored baseline."""
         return [key | {"metric": k, "value": x if isinstance(x, str) else f"{x:.15g}"} for k, x in case.items()]
 
     return next(map(str, gate.failures(gate.compare(rows_of(figures), rows_of(baseline)))), None)
@@ -265,10 +266,10 @@ def check_joint_forces() -> Findings:
         unbalanced = bodies(required).copy()  # (k, links, 3): what the joints must exert, less what they do exert
         for joint in mechanism.joints:
             (first, second), exerted = joint.ends, by_joint[joint.name]
-            force, at = np.stack([exerted["fx"], exerted["fy"]], axis=1), position(reference.q, second)
+            force, place = np.stack([exerted["fx"], exerted["fy"]], axis=1), position(reference.q, second)
             for body, sign in ((first.link, -1.0), (second.link, 1.0)):
                 if body >= 0:  # not the ground
-                    arm = at - places(reference.q)[:, body]  # from the centre of mass to the joint
+                    arm = place - places(reference.q)[:, body]  # from the centre of mass to the joint
                     moment = exerted["moment"] + arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
                     unbalanced[:, body] -= sign * np.column_stack([force, moment])
         balanced = np.abs(unbalanced).max() <= 1e-8 * max(1.0, float(np.abs(required).max()))
@@ -437,7 +438,7 @@ def check_gate() -> Findings:
     floor = gate.RULES["acceleration_error_median"].floor  # errors up to it are rounding and may change freely
 
     def rejects(factor: float) -> bool:
-        """Tell whether the gate rejects an error that grows from 0.01 to `factor` times the floor."""
+        """Tell whether the gate rejects an error that grows from 1 % of the floor to `factor` times the floor."""
         return ask_gate({"acceleration_error_median": factor * floor}, {"acceleration_error_median": floor / 100}) is not None
 
     yield rejects(0.9), "the gate rejects rounding"

@@ -63,14 +63,14 @@ def fit_time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap 
     for _ in range(ITERATIONS):
         # the reference can be continued only a little before its start and beyond its end
         mapped = truth.at(np.clip(shift + rate * x.t, -0.05 * truth.until, 1.05 * truth.until))
-        off = state - _state(mapped, pace)
-        left = float(np.median(np.linalg.norm(off, axis=1) / np.maximum(before, 1e-9 * before.max(initial=1e-300))))
+        error = state - _state(mapped, pace)
+        left = float(np.median(np.linalg.norm(error, axis=1) / np.maximum(before, 1e-9 * before.max(initial=1e-300))))
         if not left < 0.99 * best.left:  # the last step improved the fit by less than 1 %
             break
         best = TimeMap(shift, rate, left)
         slope = np.hstack([mapped.v, truth.motion.accelerations(mapped) * pace])  # derivative of the state by time
         columns = [slope, slope * x.t[:, None]] if stretch else [slope]  # derivatives by shift and rate
-        change = np.linalg.lstsq(np.array([c.ravel() for c in columns]).T, off.ravel(), rcond=None)[0]
+        change = np.linalg.lstsq(np.array([c.ravel() for c in columns]).T, error.ravel(), rcond=None)[0]
         steps = np.clip(change, -pace, pace).tolist()  # farther away the linearisation does not hold
         shift, rate = shift + steps[0], rate + sum(steps[1:])  # steps[1] exists only with `stretch`
     return best if best.left <= LEFT else None

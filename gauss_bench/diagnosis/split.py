@@ -135,7 +135,8 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
     """Return how far loops and drivers are open in runs with halved steps, given position errors (k, n) of the first run."""
     gaps = [np.abs(own.gaps(b.at)) for b in bursts]  # each (checkpoints, rows)
     largest = tuple(float(g.max(initial=0.0)) for g in gaps)  # of every run
-    of_first, third = gaps[0].max(axis=1, initial=0.0), max(1, len(gaps[0]) // PERIODS)
+    first_run = gaps[0].max(axis=1, initial=0.0)  # (checkpoints,) largest gap of the first run
+    third = max(1, len(first_run) // PERIODS)
     at = bursts[0].at[slice(0, len(errors))]
     with np.errstate(all="ignore"):  # the part of the error that projection would remove
         share = size(at.q - own.project(at).q) / max(size(errors), 1e-300)
@@ -145,8 +146,8 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
     held, compliance = _compare_gap_with_force(own, bursts[-1], worst)
     return Closure(
         closure=largest,
-        closure_early=float(of_first[:third].max()),
-        closure_late=float(of_first[-third:].max()),
+        closure_early=float(first_run[:third].max()),
+        closure_late=float(first_run[-third:].max()),
         closure_stays=len(largest) > 1 and largest[-1] >= STAYS * largest[-2],
         closure_joint=names[worst],
         closure_share=min(share, 1.0),

@@ -57,9 +57,9 @@ class Guard:
     def refusal(self, host: str | None, origin: str | None) -> str:
         """Return the reason to refuse a request with these headers; empty if there is none."""
         if host not in self.hosts:
-            return "the studio answers to its own address alone"
+            return "the studio answers only requests to its own address"
         if origin is not None and origin not in {f"http://{x}" for x in self.hosts}:
-            return "the studio answers to its own page alone"
+            return "the studio answers only requests from its own page"
         return ""
 
     def knows(self, token: str | None) -> bool:

@@ -136,7 +136,7 @@ class Studio:
     async def index(self, request: Request) -> Response:
         """Serve the page to a request with the token."""
         if not self.guard.knows(request.query_params.get("token")):
-            return PlainTextResponse("the studio opens with the address that it printed", 403)
+            return PlainTextResponse("the token is missing or wrong: open the address that the studio printed", 403)
         return FileResponse(PAGE / "index.html")
 
     async def file(self, request: Request) -> Response:

@@ -68,15 +68,16 @@ def atlas(options: Namespace, told: Told) -> Answer[Annotated[list[dict[str, Any
     An axis is a family of linkages that become harder to simulate as one number, the value, changes. The table is written into the
     folders `options.out` and `options.into`, and the pages only into `options.out`.
     """
-    for folder in filter(None, (options.out, options.into)):
+    folders = [x for x in (options.out, options.into) if x is not None]
+    for folder in folders:
         usable_folder(folder)
         refuse_foreign({folder / "atlas.csv": table.HEAD})
     if options.out is not None:
         refuse_foreign({options.out / name: chart.TITLE for name in ("atlas.svg", "index.html")})
     chosen, along = survey.ways(options.engines), survey.axes(options.axes)
     reaches = survey.survey(chosen, along, check_budget(options.budget, survey.BUDGET), options.jobs, told)
-    rows = table.rows_of(reaches, environment()["commit"]) if options.out or options.into else []
-    for folder in filter(None, (options.out, options.into)):
+    rows = table.rows_of(reaches, environment()["commit"]) if folders else []
+    for folder in folders:
         told(f"{write_table('atlas', rows, folder)[0]}")
     if options.out is not None:
         for name, content in {"atlas.svg": chart.chart(reaches), "index.html": chart.page(reaches)}.items():

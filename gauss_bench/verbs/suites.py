@@ -107,7 +107,8 @@ def with_authors(suite: Suite, files: Sequence[Path]) -> Suite:
         if engine not in searched:
             raise ChoiceError(f"{path}: engine: the suite searches no settings of {engine}; `--suite search` does")
     names = tuple(str(path) for path in files)
-    return suite.model_copy(update={"search": tuple(x.model_copy(update={"authors": x.authors + names}) for x in suite.search)})
+    searches = tuple(part.model_copy(update={"authors": part.authors + names}) for part in suite.search)
+    return suite.model_copy(update={"search": searches})
 
 
 def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
@@ -155,9 +156,9 @@ def report(options: Namespace, told: Told) -> Answer[list[Path]] | Answer[Change
             check_publishable(folder)
     if options.against:
         folders = options.out, options.against
-        accuracy, (compared, moved) = differences(*folders), compare_times(*folders)
-        changes = Changes(accuracy, compared, moved, tuple(read_environment(x) for x in folders))
-        matters, rest = [x.row for x in moved if x.matters], [x.row for x in moved if not x.matters]
+        accuracy, (count, changed) = differences(*folders), compare_times(*folders)
+        changes = Changes(accuracy, count, changed, tuple(read_environment(x) for x in folders))
+        matters, rest = [x.row for x in changed if x.matters], [x.row for x in changed if not x.matters]
         return Answer(changes, text=render("changes", changes, matters=matters, rest=rest))
     return Answer(build_report(options.out, programs, told))
 
