@@ -19,7 +19,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import States, Trajectory
 
 HALVINGS = 3  # number of runs: an order of convergence needs three
-COUNT = 50  # most checkpoints
+COUNT = 50  # largest number of checkpoints
 FEWEST = 4  # smallest number of steps of a run
 GRID = 1e-2  # [s] spacing of the references' samples; checkpoints on this grid need no flow between samples
 REFINED = (1e-11, 1e-12)  # tolerances of the finer runs if the integrator chooses its own steps

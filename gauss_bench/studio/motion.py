@@ -183,7 +183,7 @@ def centres_along(reading: Reading, poses_of: Any) -> list[dict[str, Any]]:
         except Refused:
             if not any(at_poses) and k == len(lists[0]) - 1:  # no pose had centres: refuse, with the reason of the last pose
                 raise
-            at_poses.append([])  # at a fork of the motion there are several free motions
+            at_poses.append([])  # a fork of the motion has several free motions, and no centres
     pairs = [x["links"] for x in next(filter(None, at_poses))]
     return [{"links": links, "at": [x[i]["at"] if x else None for x in at_poses]} for i, links in enumerate(pairs)]
 

@@ -7,13 +7,13 @@ from collections import deque
 from dataclasses import dataclass, field
 
 LARGEST = 2 << 20  # [bytes] largest message
-RATE, WINDOW = 300, 1.0  # most messages of a page that are answered in WINDOW seconds; a drag sends about 60 a second
-SOCKETS = 8  # most pages that are connected at once
+RATE, WINDOW = 300, 1.0  # largest number of messages of a page that are answered in WINDOW [s]; a drag sends about 60 a second
+SOCKETS = 8  # largest number of pages that are connected at once
 UNREAD = 64  # longest queue of messages to a page; a page is disconnected if its queue is full
-BESIDE = 4  # most long requests of a page that run beside its other requests
-DEEPEST = 40  # most levels of nesting in a message
-WAITING = 128  # most idle connections; the oldest one is closed if there are more
-ASKING = 64  # most connections that are answered at once; a request on another connection gets the status 503
+BESIDE = 4  # largest number of long requests of a page that run beside its other requests
+DEEPEST = 40  # largest number of levels of nesting in a message
+WAITING = 128  # largest number of idle connections; the oldest one is closed if there are more
+ASKING = 64  # largest number of connections that are answered at once; a request on another one gets the status 503
 
 
 def headers(port: int) -> dict[str, str]:

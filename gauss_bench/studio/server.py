@@ -84,7 +84,7 @@ class Connection(H11Protocol):
     """A connection to the server. If more than WAITING connections are idle when it opens, the oldest idle one is closed."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Register this connection, and close the oldest idle one if there are too many, which could block the server."""
+        """Register this connection; if there are so many idle ones that they could block the server, close the oldest of them."""
         super().connection_made(transport)
         self.since = self.loop.time()
         idle = [x for x in self.connections if isinstance(x, Connection) and x.is_idle()]

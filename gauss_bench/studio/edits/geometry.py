@@ -102,10 +102,10 @@ def add_slide(d: Drawing, message: Message) -> None:
     offset = ((pin.at - d.place(f"{guide}.{point}")) * rect(1.0, -angle)).imag
     block, slide = d.new_name("block", "links"), d.new_name("slide", "joints", "cylinders")
     d.add_link(block, pin.at, angle, {**BLOCK})
-    at = d.attach(pin, block).members[-1]
+    block_point = d.attach(pin, block).members[-1]
     _, guide_angle = d.poses[guide]
     degrees = round_digits(math.degrees(math.remainder(angle - guide_angle, 2 * math.pi)), DIGITS)
-    joint = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": at}
+    joint = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": block_point}
     if abs(offset) > SAME:
         joint["offset"] = round_digits(offset, DIGITS)
     d.group("joints")[slide] = joint

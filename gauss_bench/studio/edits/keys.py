@@ -87,7 +87,7 @@ def rename(d: Drawing, message: Message) -> None:
     taken = {*d.group(group)}
     if group == "links":
         taken.add("ground")
-    elif group in ("joints", "cylinders"):  # names of a driver or lock that must not be ambiguous
+    elif group in ("joints", "cylinders"):  # a driver names either by its key `joint`
         taken = {*d.group("joints"), *d.group("cylinders")}
     if to != name and to in taken:
         raise Refused(f"{to} is taken already", (id,), "to")
@@ -220,20 +220,20 @@ def prune(d: Drawing) -> None:
 
 def add_force(d: Drawing, message: Message) -> None:
     """Add a force with its default numbers, and let it act in the scenario "released", or else in the first one without drivers."""
-    word = str(message.get("type"))
+    kind = str(message.get("type"))  # name of a force in the menu
     entries = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}  # keys of the new table
     if "a" in message or "b" in message:
         entries["between"] = d.find_ends(message.get("a"), message.get("b"))
-    if word == "cylinder":
+    if kind == "cylinder":
         _add_cylinder(d, entries)
         return
-    if word not in USUAL:
-        raise Refused(f"there is no force {word[:40]!r}; there are {', '.join(FORCES)}, cylinder", field="type")
+    if kind not in USUAL:
+        raise Refused(f"there is no force {kind[:40]!r}; there are {', '.join(FORCES)}, cylinder", field="type")
     for key in ("point", "origin"):
         if isinstance(entries.get(key), str):
             entries[key] = d.point_on_link(entries[key])
-    name = d.new_name(word.partition("_")[0], "forces")
-    d.group("forces")[name] = USUAL[word] | entries
+    name = d.new_name(kind.partition("_")[0], "forces")
+    d.group("forces")[name] = USUAL[kind] | entries
     d.check()
     d.made.append(f"forces.{name}")
     for scenario_name, scenario in items(d.document, "scenarios"):
