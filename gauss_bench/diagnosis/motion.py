@@ -43,7 +43,7 @@ class Parts:
     tolerance: float
 
     def accelerations(self) -> Array:
-        """Return the accelerations a (k, n) that solve M a + J^T lambda = Q, J a = gamma, by the formula at the top of this file."""
+        """Return the accelerations a (k, n) that solve M a + J^T lambda = Q, J a = gamma, by the formula above."""
         root = np.sqrt(self.mass)
         free = self.Q / root  # M^(-1/2) Q
         if not self.J.shape[1]:

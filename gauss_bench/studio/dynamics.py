@@ -36,7 +36,7 @@ def write_released(session: Session, message: Message) -> tuple[str, float]:
     present = scenarios.get(RELEASED, {"forces": [*document.get("forces", {})]})  # if the file has none, all forces act
     until = number(message, "until", float(present.get("duration") or FREE))
     if not 0 < until <= LONGEST:
-        raise Refused(f"until is a time of at most {LONGEST:g} s", field="until")
+        raise Refused(f"until must be above 0 and at most {LONGEST:g} s", field="until")
     start = make_start(session.reading, [])
     scenarios[RELEASED] = {"duration": until, "forces": present.get("forces", []), "start": start}
     return write_document(session.text, document), until
@@ -77,7 +77,7 @@ def recommend(session: Session, message: Message) -> dict[str, Any]:
         raise Refused("say what is required: a position, an angle or a force above 0", field="position")
     budget = number(message, "budget", BUDGET)
     if not 1 <= budget <= MOST_BUDGET:
-        raise Refused(f"a budget is 1 to {MOST_BUDGET:g} seconds", field="budget")
+        raise Refused(f"the budget must be between 1 and {MOST_BUDGET:g} s", field="budget")
     engines = message.get("engines") or []
     _check_usable(engines if isinstance(engines, list) else [engines])
     text, until = write_released(session, message)

@@ -59,7 +59,7 @@ def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str
     """
     scenarios = reading.document.get("scenarios", {})
     if not scenarios:
-        raise Refused("there is no scenario that could be exported: let it go or drive it first")
+        raise Refused("there is no scenario that could be exported: release the linkage or drive it first")
     free = [scenario for scenario, entry in scenarios.items() if not is_driven(entry)]
     with temporary_file(text, name) as path:
         try:

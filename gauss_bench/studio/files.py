@@ -65,7 +65,7 @@ def resolve_inside(folder: Path, name: str) -> Path:
         path = (folder / name).resolve()
         is_inside = path.is_relative_to(folder) and path != folder
     except (OSError, ValueError, RuntimeError) as error:
-        raise Refused(f"{name[:60]}: is no valid path", field="path") from error
+        raise Refused(f"{name[:60]}: this is no valid path", field="path") from error
     if not is_inside:
         raise Refused(f"{name[:60]}: lies outside the folder that the studio was started in", field="path")
     if path.suffix != ".toml":
@@ -104,11 +104,11 @@ def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> 
     if path.is_dir() or not path.parent.is_dir():
         raise Refused(f"{path.name}: its folder does not exist, or it is a folder itself", field="path")
     if path.exists() and path != own and not replace:
-        raise Refused(f"{path.name} is there already", field="replace")
+        raise Refused(f"{path.name} exists already", field="replace")
     if path.exists() and not path.stat().st_mode & 0o222:  # nobody has the permission to write it
         raise Refused(f"{path.name} may only be read: choose another name", field="path")
     if path == own and not replace and has_changed(path, known):
-        raise Refused(f"{path.name} has been changed by someone else since it was opened", field="replace")
+        raise Refused(f"{path.name} has been changed by another program since it was opened", field="replace")
     try:
         write_text(path, text)
     except OSError as error:

@@ -50,7 +50,7 @@ def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
     with temporary_file(text, document.get("name")) as path:
         mechanism = load_with_drivers(str(path), scenario, None)
     if free := free_at_start(mechanism):
-        raise Refused(f"the drivers leave {len(free)} free ({', '.join(free)}): drive them too, or hold them")
+        raise Refused(f"the drivers leave {len(free)} coordinates free ({', '.join(free)}): drive them too, or hold them")
     return mechanism
 
 
@@ -62,7 +62,7 @@ def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Traj
     """
     count = message.get("samples", SAMPLES)
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST:
-        raise Refused(f"samples is a whole number from 1 to {MOST}", field="samples")
+        raise Refused(f"samples must be a whole number from 1 to {MOST}", field="samples")
     mechanism = load_driven(text, reading, message.get("scenario"))
     states, _, stopped = move_by_drivers(mechanism, np.linspace(0.0, mechanism.duration, count + 1))
     return mechanism, states, stopped or None

@@ -268,7 +268,7 @@ def set_angle(d: Drawing, message: Message) -> None:
     name, degrees, reading = str(message.get("link")), number(message, "value_deg"), d.reading
     d.link(name)  # raises if there is no such link
     if reading.mechanism is None or reading.joints is None or not reading.closed:
-        raise Refused("a link can be turned once the drawing assembles", (f"links.{name}",))
+        raise Refused("a link can be turned only if the drawing assembles", (f"links.{name}",))
     body, turn = reading.mechanism.find_body(name)  # turn: angle of a welded link in its body [rad]
     q, joints = reading.q, reading.joints
     first, row = float(angle_at(q, body)), gradient(Angle(GROUND, body), q)
@@ -282,7 +282,7 @@ def set_angle(d: Drawing, message: Message) -> None:
 
         q, error = gauss_newton(q, residual)
         if error > CLOSED:
-            raise Refused(f"{name} cannot stand at {degrees:g} degrees: the linkage does not reach it", (f"links.{name}",))
+            raise Refused(f"{name} cannot have an angle of {degrees:g} degrees: the linkage does not reach it", (f"links.{name}",))
     d.set_poses(reading.poses(q))
 
 

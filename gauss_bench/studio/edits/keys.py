@@ -38,7 +38,7 @@ def set_key(d: Drawing, message: Message) -> None:
     for key in keys:
         entries = entries.setdefault(key, {}) if isinstance(entries, dict) else None
     if not isinstance(entries, dict):
-        raise Refused(f"there is no {path}", field=path)
+        raise Refused(f"the file has no {path}", field=path)
     if value is None:
         entries.pop(last, None)
     else:
@@ -83,7 +83,7 @@ def rename(d: Drawing, message: Message) -> None:
     elif group == "forces" and name in d.group("cylinders"):
         group = "cylinders"
     if group not in GROUPS or name not in d.group(group):
-        raise Refused(f"there is no {id[:60]}", (id,), "what")
+        raise Refused(f"there is no part {id[:60]}", (id,), "what")
     taken = {*d.group(group)}
     if group == "links":
         taken.add("ground")
@@ -258,7 +258,7 @@ def _add_cylinder(d: Drawing, entries: dict[str, Any]) -> None:
         for damper, force in items(d.document, "forces"):
             joint = table(d.document, "joints").get(str(force.get("joint")), {})
             if force.get("type") == "joint_damping" and len(sequence(joint, "at")) > 2:
-                text = f"a file of the first edition has no cylinders, and in the second edition {damper} would damp differently"
+                text = f"cylinders need the second edition of the format, in which the damper {damper} would act differently"
                 raise Refused(text, (f"forces.{damper}",))
     d.document["format"] = SECOND
     d.group("cylinders")[name] = {"between": entries["between"], "barrel": dict(part), "rod": dict(part)}
