@@ -10,6 +10,7 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load
+from gauss_bench.linkage.references import items
 from gauss_bench.mechanism.coordinates import motion_of_links
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.shown import film
@@ -57,7 +58,7 @@ def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str
 
     The model has the first scenario without drivers, or the first scenario if all have drivers.
     """
-    scenarios = reading.document.get("scenarios", {})
+    scenarios = dict(items(reading.document, "scenarios"))
     if not scenarios:
         raise Refused("there is no scenario that could be exported: release the linkage or drive it first")
     free = [scenario for scenario, entry in scenarios.items() if not is_driven(entry)]

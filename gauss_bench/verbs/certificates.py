@@ -18,8 +18,9 @@ MADE = TABLES["certificates"]
 FILE = Column("file", "text", "path of the certificate; null if none was written")
 CERTIFIED = replace(MADE, columns=(*MADE.columns, FILE, Column("seconds", "number", "time of the computation", "s")))
 SHARED = [c for c in MADE.columns if c.name in ("status", "message", "mechanism", "scenario")]
-ERRORS = {name: x for name, x in list_meanings(Verification).items() if name not in ("mechanism", "scenario")}  # with meanings
-MEASURED = [Column(name, "number", meaning) for name, meaning in ERRORS.items()]
+MEASURED = [
+    Column(x, "number", meaning) for x, meaning in list_meanings(Verification).items() if x not in ("mechanism", "scenario")
+]
 PASSED = Column("passed", "flag", "whether the certificate holds")
 VERIFIED = Table("the check of one certificate", (*SHARED, *MEASURED, FILE, PASSED))
 Row = dict[str, Any]
