@@ -17,10 +17,9 @@ from gauss_bench.verbs.formats import list_meanings
 MADE = TABLES["certificates"]
 FILE = Column("file", "text", "path of the certificate; null if none was written")
 CERTIFIED = replace(MADE, columns=(*MADE.columns, FILE, Column("seconds", "number", "time of the computation", "s")))
-SHARED = [c for c in MADE.columns if c.name in ("status", "message", "mechanism", "scenario")]
-MEASURED = [
-    Column(x, "number", meaning) for x, meaning in list_meanings(Verification).items() if x not in ("mechanism", "scenario")
-]
+NAMES = ("mechanism", "scenario")
+SHARED = [c for c in MADE.columns if c.name in ("status", "message", *NAMES)]
+MEASURED = [Column(x, "number", meaning) for x, meaning in list_meanings(Verification).items() if x not in NAMES]
 PASSED = Column("passed", "flag", "whether the certificate holds")
 VERIFIED = Table("the check of one certificate", (*SHARED, *MEASURED, FILE, PASSED))
 Row = dict[str, Any]

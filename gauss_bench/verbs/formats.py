@@ -133,9 +133,9 @@ class Writer:
         if origin is np.ndarray:
             return {"type": "array", "items": NUMBER}
         if origin is dict or origin is Mapping:
-            key_kind, value_kind = arguments
-            names = {} if key_kind is str else {"propertyNames": self.describe(key_kind)}
-            return {"type": "object", "additionalProperties": self.describe(value_kind)} | names
+            # the arguments are the types of keys and of values
+            names = {} if arguments[0] is str else {"propertyNames": self.describe(arguments[0])}
+            return {"type": "object", "additionalProperties": self.describe(arguments[1])} | names
         if origin in (list, tuple):
             return {"type": "array", "items": join_schemas([self.describe(x) for x in arguments if x is not ...])}
         if inspect.isclass(kind) and issubclass(kind, StrEnum):
