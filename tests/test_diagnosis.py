@@ -182,10 +182,10 @@ def test_a_map_of_time_is_found_and_an_engine_in_time_has_none():
     true, t = TrueMotion(OwnMotion(load(*FOUR_BAR)), truth(FOUR_BAR, 0.5)), np.arange(1, 20) * 0.02
     for shift, rate in ((3e-3, 1.0), (0.0, 1.02)):
         x = true.at(shift + rate * t)
-        found = samples.time_map(true, States(t, x.q, x.v), stretch=rate != 1.0)
+        found = samples.fit_time_map(true, States(t, x.q, x.v), stretch=rate != 1.0)
         assert (found.shift, found.rate) == pytest.approx((shift, rate), rel=1e-6, abs=1e-8)
     x = true.at(t)
-    assert samples.time_map(true, States(t, x.q + 1e-3 * t[:, None], x.v), stretch=False) is None
+    assert samples.fit_time_map(true, States(t, x.q + 1e-3 * t[:, None], x.v), stretch=False) is None
 
 
 def test_checkpoints_are_reached_by_whole_steps_with_one_more_after_them():

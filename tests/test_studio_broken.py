@@ -110,7 +110,7 @@ def test_a_file_is_replaced_only_where_that_is_wished_and_possible(tmp_path, bar
     assert "built-in" in bars.refused("save", path="eight_bar")
     bars.ask("set", path="title", value="Changed here")
     file.write_text(theirs := file.read_text(encoding="utf-8") + "# and there\n", encoding="utf-8")
-    assert "changed by someone else" in bars.refused("save")
+    assert "changed by another program" in bars.refused("save")
     file.chmod(stat.S_IRUSR)
     assert "may only be read" in bars.refused("save", replace=True)
     assert file.read_text(encoding="utf-8") == theirs

@@ -261,7 +261,7 @@ def test_a_drag_all_around_answers_every_move_and_jumps_to_no_branch(page):
 @pytest.mark.slow
 def test_what_is_half_drawn_is_explained_and_stays_on_show(page):
     page.use("Ground pivot", A)
-    page.use("Bar", (0.2, 0.1), (0.3, 0.2))  # hangs on nothing
+    page.use("Bar", (0.2, 0.1), (0.3, 0.2))  # is loose
     page.use("Bar", A, B)
     page.use("Spring", B, (0.3, 0.2))
     for way, forces in ((None, 1), ("Undo", 0), ("Redo", 1)):

@@ -95,7 +95,7 @@ def test_three_poses_placed_by_hand_become_a_sketch_in_one_step(browser, studio_
     for at in picks:
         page.page.mouse.click(*page.pixel((at.real, at.imag)))
     bar = page.page.get_by_role("region", name="Four-bar through three poses")
-    bar.get_by_text("It takes the poses in their order, on one branch.", exact=True).wait_for()
+    bar.get_by_text("It passes through the poses in their order, on one branch.", exact=True).wait_for()
     found = [complex(*map(float, x.get_attribute("data-pivot").split(","))) for x in page.page.locator("[data-pivot]").all()]
     # a click is a whole pixel, and the centre of a flat arc is less exact
     assert np.abs(np.array(found) - pivots).max() < 10 / page.scale()

@@ -45,12 +45,13 @@ class Cause(StrEnum):
 
     @property
     def part(self) -> Part | None:
-        """The part of the error to which the cause belongs; None if there is no dominant cause."""
+        """The part of the error to which the cause belongs; None if no cause dominates or the cause is unknown."""
         if self in (Cause.NONE, Cause.UNKNOWN):
             return None
         return OWN_PARTS.get(self, Part.MODEL)
 
 
+# causes that belong to another part than the model
 SAMPLING = (Cause.SHIFT, Cause.STRETCH, Cause.STATIONARY, Cause.WRAPPED, Cause.VELOCITIES)
 OWN_PARTS = {Cause.SOFTNESS: Part.SOFTNESS, Cause.INTEGRATOR: Part.INTEGRATOR, Cause.DRIFT: Part.DRIFT}
 OWN_PARTS |= {Cause.ROUND_OFF: Part.ROUND_OFF} | dict.fromkeys(SAMPLING, Part.SAMPLING)

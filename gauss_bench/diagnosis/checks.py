@@ -49,11 +49,11 @@ Findings = Generator[tuple[bool | np.bool_, str], None, None]  # (whether a faul
 
 
 def check(findings: Callable[[], Findings]) -> Callable[[], str | None]:
-    """Make a check of a function that yields findings: return the sentence of the first fault that shows, or None."""
+    """Turn a function that yields findings into a check, which returns the sentence of the first fault that shows, or None."""
 
     @wraps(findings)
     def first_fault() -> str | None:
-        with closing(findings()) as found:
+        with closing(findings()) as found:  # leaves the contexts inside a generator that has not reached its end
             return next((sentence for is_wrong, sentence in found if is_wrong), None)
 
     return first_fault
@@ -75,19 +75,20 @@ def alter(
     def scale(x: Any) -> Any:
         return replace(x, **{key: getattr(x, key) * factor for key, factor in factors.items()}) if x.name == of else x
 
-    joints: list[Any] = list(mechanism.joints)
-    joints = [replace(x, b=replace(x.b, local=x.b.local + np.array([by, 0.0]))) if x.name == joint else x for x in joints]
-    links, forces = (tuple(map(scale, some)) for some in (mechanism.links, mechanism.forces))
-    turned = gravity * np.asarray(mechanism.gravity)
-    return replace(mechanism, links=links, forces=forces, joints=tuple(joints), gravity=turned)
+    def displace(x: Any) -> Any:
+        return replace(x, b=replace(x.b, local=x.b.local + np.array([by, 0.0]))) if x.name == joint else x
+
+    links, forces, joints = map(scale, mechanism.links), map(scale, mechanism.forces), map(displace, mechanism.joints)
+    scaled_gravity = gravity * np.asarray(mechanism.gravity)
+    return replace(mechanism, links=tuple(links), forces=tuple(forces), joints=tuple(joints), gravity=scaled_gravity)
 
 
-change = alter  # name of the function `alter` in functions with an argument `alter`
+change = alter  # the function `alter` where an argument `alter` hides this name
 
 
 @cache
 def states(which: tuple[str, str]) -> Samples:
-    """Return random states of a linkage in a scenario with true accelerations."""
+    """Return 16 random states of a linkage, with the true accelerations at them; `which` has the names of linkage and scenario."""
     return random_states(load(*which), count=16)
 
 
@@ -100,7 +101,7 @@ def truth(which: tuple[str, str], until: float = 0.5) -> Reference:
 
 
 def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
-    """Return a trajectory with the number `by` added to one column of its array `level`: "q", "v" or "a"."""
+    """Return a trajectory with the number `by` added to one coordinate (`column`) of its array `level`: "q", "v" or "a"."""
     return replace(x, **{level: getattr(x, level) + by * np.eye(x.q.shape[1])[column]})
 
 
@@ -109,7 +110,7 @@ def delay(x: Any, late: float) -> Any:
     return replace(x, q=x.q + late * x.v + late**2 / 2 * x.a, v=x.v + late * x.a)
 
 
-def off(figure: Any, expected: float, tolerance: float) -> bool:
+def differs(figure: Any, expected: float, tolerance: float) -> bool:
     """Tell whether a number, or the largest of several, differs from its expected value by more than the tolerance; NaN differs.
 
     The tolerance is relative if the magnitude of the expected value is larger than 1, and absolute otherwise.
@@ -118,12 +119,13 @@ def off(figure: Any, expected: float, tolerance: float) -> bool:
 
 
 def ask_gate(figures: Figures, baseline: Figures) -> str | None:
-    """Return the first message of the gate on the figures of one invented case, or None if it accepts all of them."""
+    """Return the gate's first message on the figures of one invented case, or None if the gate accepts all of them."""
     # any values for the columns that identify a case; they are the same in both tables
     key = dict(zip(KEY, ("linkage", "scenario", "engine", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 
-    def rows_of(some: Figures) -> list[Row]:
-        return [key | {"metric": k, "value": x if isinstance(x, str) else f"{x:.15g}"} for k, x in some.items()]
+    def rows_of(case: Figures) -> list[Row]:
+        """Return a row for each figure, with numbers as texts, as in the stored baseline."""
+        return [key | {"metric": k, "value": x if isinstance(x, str) else f"{x:.15g}"} for k, x in case.items()]
 
     return next(map(str, gate.failures(gate.compare(rows_of(figures), rows_of(baseline)))), None)
 
@@ -190,17 +192,17 @@ def check_integrators() -> Findings:
     """Check the order of convergence of every integrator with q'' = -q, whose solution is q = cos t."""
 
     def error_of(step: Callable[..., tuple[Array, Array]], count: int) -> float:
-        """Return the error of (q, v) at t = 1 after `count` equal steps from q = 1, v = 0; step(f, t, q, v, h) -> (q, v)."""
+        """Return the error of (q, v) at t = 1 s after `count` equal steps from q = 1, v = 0; step(f, t, q, v, h) -> (q, v)."""
         q, v, h = np.array([1.0]), np.array([0.0]), 1.0 / count
         for k in range(count):
             q, v = step(lambda t, q, v: -q, k * h, q, v, h)
         return float(np.hypot(q[0] - math.cos(1.0), v[0] + math.sin(1.0)))
 
     for name, order in ORDERS.items():
-        few = 3 if order > 4 else 20  # more steps of a high order would only show rounding
-        coarse, fine = (max(error_of(fixed_step.STEPS[name], count), 1e-300) for count in (few, 2 * few))
+        count = 3 if order > 4 else 20  # more steps of a high order would only show rounding
+        coarse, fine = (max(error_of(fixed_step.STEPS[name], n), 1e-300) for n in (count, 2 * count))
         observed = math.log2(coarse / fine)
-        yield off(observed, order, 0.1), f"{name} converges by order {observed:.2f}, not {order}"
+        yield differs(observed, order, 0.1), f"{name} converges by order {observed:.2f}, not {order}"
 
 
 @check
@@ -213,9 +215,9 @@ def check_stabilizations() -> Findings:
     expected = -2 * rate * terms.phi_dot - rate**2 * terms.phi  # of gamma, by Baumgarte
     error = np.abs(algebra.baumgarte(terms, rate, rate).gamma - terms.gamma - expected).max()
     yield error > AGREES * np.abs(expected).max(), "Baumgarte's terms do not lead back to the constraints"
-    at, speed = evaluator.project(0.0, q, x.v[0])
-    rows = evaluator.constraints(0.0, at, speed)
-    is_off = np.abs(rows.phi).max() > 1e-12 or np.abs(rows.J @ speed).max() > 1e-10
+    projected_q, projected_v = evaluator.project(0.0, q, x.v[0])
+    rows = evaluator.constraints(0.0, projected_q, projected_v)
+    is_off = np.abs(rows.phi).max() > 1e-12 or np.abs(rows.J @ projected_v).max() > 1e-10
     yield is_off, "projection does not lead back to the constraints"
 
 
@@ -232,23 +234,23 @@ def check_metrics() -> Findings:
         moved = shift(sound, "q", column, MOVED)
         errors = metrics.state_errors(mechanism, moved, reference)
         gaps = metrics.drift(evaluator, moved).position, errors.length, errors.position
-        wrong = any(off(gap, MOVED, 1e-6) for gap in gaps)
+        wrong = any(differs(gap, MOVED, 1e-6) for gap in gaps)
         yield wrong, f"a link that is moved by {MOVED:g} m has a gap or an error of another size"
     faster = shift(sound, "v", y, MOVED)
     drift, error = metrics.drift(evaluator, faster).velocity, metrics.state_errors(mechanism, faster, reference).velocity
-    wrong = off(drift, MOVED, 1e-6) or off(error, MOVED, 1e-6)
+    wrong = differs(drift, MOVED, 1e-6) or differs(error, MOVED, 1e-6)
     yield wrong, f"a velocity of a link that is wrong by {MOVED:g} m/s has a drift or an error of another size"
     residual = metrics.drift(evaluator, shift(sound, "a", y, 1.0)).acceleration
-    yield off(residual, 1.0, 1e-6), "accelerations off the constraints leave no residual"
-    (gained, bar), moves = metrics.energy_error(evaluator, sound), metrics.energy_scale(evaluator, sound)
-    yield not np.abs(gained).max() <= bar + 1e-6 * moves, "a true motion gains energy"
+    yield differs(residual, 1.0, 1e-6), "accelerations off the constraints leave no residual"
+    (gained, work_bar), scale = metrics.energy_error(evaluator, sound), metrics.energy_scale(evaluator, sound)
+    yield not np.abs(gained).max() <= work_bar + 1e-6 * scale, "a true motion gains energy"
     gained = metrics.energy_error(evaluator, replace(sound, v=1.1 * sound.v))[0]
-    yield not gained.max() > 0.1 * moves, "a motion with velocities 10 % too large gains no energy"
+    yield not gained.max() > 0.1 * scale, "a motion with velocities 10 % too large gains no energy"
     error = metrics.relative_acceleration_error(1.01 * sound.a, sound.a)
-    yield off(error, 0.01, 1e-9), "accelerations that are 1 % too large have an error other than 1 %"
+    yield differs(error, 0.01, 1e-9), "accelerations that are 1 % too large have an error other than 1 %"
     steps, rounding = np.array([4e-3, 2e-3, 1e-3]), np.full(3, 1e-12)
     order = metrics.observed_order(steps, steps**3, np.zeros(3))[1]
-    yield off(order, 3.0, 1e-9), "an error proportional to the third power of the step has an order other than three"
+    yield differs(order, 3.0, 1e-9), "an error proportional to the third power of the step has an order other than three"
     # errors as large as the error bar are rounding, from which no order can be computed
     yield np.isfinite(metrics.observed_order(steps, rounding, rounding)[1]), "rounding has an order"
 
@@ -264,10 +266,10 @@ def check_joint_forces() -> Findings:
         unbalanced = bodies(required).copy()  # (k, links, 3): what the joints must exert, less what they do exert
         for joint in mechanism.joints:
             (first, second), exerted = joint.ends, by_joint[joint.name]
-            force, at = np.stack([exerted["fx"], exerted["fy"]], axis=1), position(reference.q, second)
+            force, place = np.stack([exerted["fx"], exerted["fy"]], axis=1), position(reference.q, second)
             for body, sign in ((first.link, -1.0), (second.link, 1.0)):
                 if body >= 0:  # not the ground
-                    arm = at - places(reference.q)[:, body]  # from the centre of mass to the joint
+                    arm = place - places(reference.q)[:, body]  # from the centre of mass to the joint
                     moment = exerted["moment"] + arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
                     unbalanced[:, body] -= sign * np.column_stack([force, moment])
         balanced = np.abs(unbalanced).max() <= 1e-8 * max(1.0, float(np.abs(required).max()))
@@ -306,16 +308,16 @@ def check_judge() -> Findings:
 def check_run() -> Findings:
     """Check a run by `one_run`: its sample times, number of steps and acceleration error."""
     mechanism = load(*FOUR_BAR)
-    wanted = one_run.sampling(1e-2, 0.1, [0.05])
-    x = one_run.one_run(Interpreted("gauss"), mechanism, Choice(integrator="rk4", step=1e-2), wanted).trajectory
-    if x is None or wanted.count != 10 or x.steps != 10 or not np.array_equal(x.t, wanted.times):
+    sampling = one_run.sampling(1e-2, 0.1, [0.05])
+    x = one_run.one_run(Interpreted("gauss"), mechanism, Choice(integrator="rk4", step=1e-2), sampling).trajectory
+    if x is None or sampling.count != 10 or x.steps != 10 or not np.array_equal(x.t, sampling.times):
         yield True, "a run of 0.1 s by steps of 0.01 s is not ten steps"
         return
     error, wrong = (one_run.acceleration_error(mechanism, replace(x, a=factor * x.a)) for factor in (1.0, 1.05))
     yield error is None or error > AGREES, "a sound engine has wrong accelerations"
-    yield wrong is None or off(wrong, 0.05, 1e-6), "accelerations that are 5 % too large have another error"
-    late = one_run.sampling(3e-3, 0.1)
-    ends_elsewhere = not late.shortened or off(late.times[-1], 0.1, 1e-12)
+    yield wrong is None or differs(wrong, 0.05, 1e-6), "accelerations that are 5 % too large have another error"
+    uneven = one_run.sampling(3e-3, 0.1)  # 0.1 s is no multiple of 3 ms, so that the last step is shortened
+    ends_elsewhere = not uneven.shortened or differs(uneven.times[-1], 0.1, 1e-12)
     yield ends_elsewhere, "a run whose end is no multiple of the step ends elsewhere"
     yield not describe("gauss").usable, "an engine of the suite cannot be used"
 
@@ -338,15 +340,15 @@ def check_certificate(
     mechanism = load(*which)
     path = certificate_path(mechanism)
     assert path is not None
-    whole = read_certificate(path)
-    x = replace(whole, **{name: getattr(whole, name)[:FIRST_SAMPLES] for name in ARRAYS})
+    certificate = read_certificate(path)
+    x = replace(certificate, **{name: getattr(certificate, name)[:FIRST_SAMPLES] for name in ARRAYS})
     for level, by in (nudge or {}).items():
         if level == "late":
             x = delay(x, by)
         else:
             values = getattr(x, level).copy()
-            at = len(values) // 2
-            values[at, int(np.abs(values[at]).argmax())] += by
+            middle = len(values) // 2
+            values[middle, int(np.abs(values[middle]).argmax())] += by
             x = replace(x, **{level: values})
     verification = verify(x, change(mechanism, **alter or {}))
     if verification.passed:
@@ -375,15 +377,15 @@ def check_clocks() -> Findings:
     """Check the measurement of times with an artificial clock, and the ratios of known times."""
     with ticking() as spend:
         second = one_run.measure_seconds(lambda: spend(1.0))
-        yield off(second, 1.0, 1e-9), "a second is measured as another time"
+        yield differs(second, 1.0, 1e-9), "a second is measured as another time"
         # preparation, 5 s, must not be timed; 500 steps in 0.5 s, done twice, are 1 ms each
         block = blocks.Block("steps", ready=lambda: spend(5.0), go=lambda: spend(0.5), count=500, calls=2)
-        yield off(block.seconds(), 1e-3, 1e-9), "a thousand steps in a second take another time than a millisecond each"
+        yield differs(block.seconds(), 1e-3, 1e-9), "a thousand steps in a second take another time than a millisecond each"
         # a block repeats a short call until it lasts some milliseconds; each call counts as `work` repetitions
         for duration, work in ((1e-7, 1), (3e-5, 40)):
             repeated = blocks.calls_block("call", lambda duration=duration: spend(duration), work)  # type: ignore[misc]
-            whole = one_run.measure_seconds(repeated.go)
-            wrong = off(whole / repeated.count / duration * work, 1.0, 1e-6) or not 1e-3 <= whole <= 5e-3
+            seconds = one_run.measure_seconds(repeated.go)
+            wrong = differs(seconds / repeated.count / duration * work, 1.0, 1e-6) or not 1e-3 <= seconds <= 5e-3
             yield wrong, "the time of a call is wrong, or its block is too short"
         # four entries in eight rounds: each takes its turn in every round, in changing order, without the garbage collector
         turns = [blocks.Block(name, lambda: None, lambda: spend(0.2 if gc.isenabled() else 0.01), 1) for name in "abcd"]
@@ -391,10 +393,10 @@ def check_clocks() -> Findings:
         orders = {tuple(entry for entry, number, _ in timed if number == k) for k in range(8)}
         wrong = len(orders) < 3 or any(sorted(map(str, x)) != list("abcd") for x in orders)
         yield wrong, "blocks do not take turns in changing order"
-        yield any(off(seconds, 0.01, 1e-9) for _, _, seconds in timed), "the garbage collector works while it is timed"
+        yield any(differs(seconds, 0.01, 1e-9) for _, _, seconds in timed), "the garbage collector works while it is timed"
     # a ratio compares the lower quartiles: 2 and 0.5
     quartiles = clock.ratio(np.array([4.0, 1.0, 3.0, 2.0, 5.0]), np.full(5, 0.5))[0]
-    yield off(quartiles, 4.0, 1e-12), "a ratio is not that of the lower quartiles"
+    yield differs(quartiles, 4.0, 1e-12), "a ratio is not that of the lower quartiles"
     # a delay that slows both entries in the same rounds leaves their ratio unchanged
     wandering = np.random.default_rng(3).uniform(1.0, 2.0, 40)
     spread = max(abs(x - 3.0) for x in clock.ratio(3.0 * wandering, wandering))
@@ -405,7 +407,7 @@ def check_clocks() -> Findings:
     # The lower quartile of n uniform numbers is nearly normal with variance p (1 - p) / n, p = 1/4; nine tenths of a normal
     # distribution lie within 1.645 standard deviations of its mean.
     expected = 2 * 1.645 * math.sqrt(3 / 16 / n)
-    yield off((high - low) / expected, 1.0, 0.3), "a spread does not hold nine tenths"
+    yield differs((high - low) / expected, 1.0, 0.3), "a spread does not hold nine tenths"
 
 
 # gate
@@ -419,24 +421,24 @@ def check_gate() -> Findings:
     """
     base: Figures = {"status": "ok", "valid": "True", "position_error": 1e-6, "position_drift": 1e-9}
     base |= {"observed_order": 4.0, "measured_t1": 12.0, "acceleration_error_median": 1e-10}
-    said = ask_gate(base, base)
-    yield said is not None, f"the gate rejects unchanged figures: {said}"
+    message = ask_gate(base, base)
+    yield message is not None, f"the gate rejects unchanged figures: {message}"
     # inside the tolerances: an error less than twice as large, an order less than 0.2 lower, a reference value changed by rounding
-    said = ask_gate(base | {"position_error": 1.5e-6, "observed_order": 3.9, "measured_t1": 12.0 + 1e-10}, base)
-    yield said is not None, f"the gate rejects differences between machines: {said}"
+    message = ask_gate(base | {"position_error": 1.5e-6, "observed_order": 3.9, "measured_t1": 12.0 + 1e-10}, base)
+    yield message is not None, f"the gate rejects differences between machines: {message}"
     # outside the tolerances; the drift is a hundred times smaller than before, which may come from a fault of the metric
     wrong: Figures = {"position_error": 2.1e-6, "position_drift": 1e-11, "observed_order": 3.7}
     wrong |= {"measured_t1": 12.0 + 1e-7, "status": "nan", "valid": "False", "acceleration_error_median": math.nan}
     for key, value in wrong.items():
         yield not ask_gate(base | {key: value}, base), f"the gate accepts {key} = {value}, which was {base[key]}"
-        # an order may be missing, as of a run whose errors are rounding; a status never is, since every run gets one
+        # an order may be missing, as that of a run whose errors are rounding; every run has a status, which cannot be missing
         if key not in ("observed_order", "status"):
             missing = {k: x for k, x in base.items() if k != key}
             yield not ask_gate(missing, base), f"the gate accepts that {key} is missing"
     floor = gate.RULES["acceleration_error_median"].floor  # errors up to it are rounding and may change freely
 
     def rejects(factor: float) -> bool:
-        """Tell whether the gate rejects an error that grows from 0.01 to `factor` times the floor."""
+        """Tell whether the gate rejects an error that grows from 1 % of the floor to `factor` times the floor."""
         return ask_gate({"acceleration_error_median": factor * floor}, {"acceleration_error_median": floor / 100}) is not None
 
     yield rejects(0.9), "the gate rejects rounding"

@@ -28,20 +28,20 @@ from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Reference, States, Status
 
 BARS = 3.0  # errors below BARS times the error bar of the reference are not explained
-SMALL = 1e-6  # [m, rad] errors below it are not explained: drawings ask for no micrometre
+SMALL = 1e-6  # [m, rad] errors below it are not explained: they are below the tolerances of drawings
 OFF_VELOCITIES = 0.1  # relative error of reported velocities; steps of a tenth of a period cause less
 OFF_REPORTED = 1e-3  # relative error (median) of reported accelerations: a tenth of the limit of the judge
 EXPLAINS = 0.9  # share of the squared acceleration error that a named cause must account for
 AS_GOOD = 3.0  # an explanation with a residual up to AS_GOOD times the smallest cannot be distinguished from the best
-MOST = 0.5  # share of an error from which a part is dominant
+MOST = 0.5  # share of an error above which a part is dominant
 SEEN = 1e-7  # relative error of accelerations that is certainly not round-off
-OPEN = 0.3  # largest gap of a loop, relative to the size: with larger ones the accelerations are of another linkage
+OPEN = 0.3  # largest gap of a loop, relative to the linkage's size; with a larger one the accelerations cannot be compared
 NOISE = 1e-9  # relative difference of accelerations at equal states above which the equations differ
-STILL = 1e-3  # largest travel of samples without motion, relative to the true travel
+STILL = 1e-3  # largest travel of samples that count as standing still, relative to the true travel
 BESIDE_TURNS = 1e-3  # [rad, m] largest error that is left after whole turns are removed
 SHORTER = 4.0  # factor by which a run is shortened that fails before its first checkpoint
-NAMED = 8  # most causes in a sentence; `candidates` has all of them
-OLD = 0.1  # [steps] least age of constraint data that is reported
+NAMED = 8  # largest number of causes in a sentence; `candidates` has all of them
+OLD, OLDEST = 0.1, 5.0  # [steps] least and largest age of constraint data that is reported
 NEGLIGIBLE, SOUND = 0.02, 1e-5  # negligible share of an error; relative error below which accelerations are correct
 ORDERS = {"rk4": 4.0, "dop853_fixed": 8.0}  # integrator -> order of convergence
 LEAST_LATE, MOST_LATE = 0.2, 20.0  # [steps] limits of a time shift found from the first step
@@ -131,14 +131,14 @@ class Verdict:
 
 
 def without_run(*ended: Ended) -> Verdict:
-    """Return the verdict if no run has reached a checkpoint; `ended` tells how each run ended."""
+    """Return the verdict of a diagnosis in which no run has reached a checkpoint; `ended` tells how each run ended."""
     first = ended[0]
     why = first.message if first.status is Status.SKIP else f"{first.status}: {first.message}"
     return Verdict(Cause.UNKNOWN, f"there is no run to look at: {why}", {}, None, (), ended)
 
 
 class Answer(NamedTuple):
-    """The answer to one question of the diagnosis: a cause of the error, a sentence on it, and the explanations that were tried."""
+    """The answer to one question of the diagnosis: a cause of the error, a sentence on it, and the fitted explanations."""
 
     cause: Cause
     sentence: str
@@ -182,17 +182,21 @@ def diagnose_runs(
     with np.errstate(all="ignore"):
         case = Case(run, own, TrueMotion(own, reference), bursts, choices, adaptive, projected)
         cause, sentence, explanations = case.verdict()
-        failed = next((f" (a run ended early: {x.status}: {x.message})" for x in ended if x.status is not Status.OK), "")
+        failed = [x for x in ended if x.status is not Status.OK]
+        if failed:
+            sentence += f" (a run ended early: {failed[0].status}: {failed[0].message})"
         alike = tuple(candidates([*explanations], case.noise))  # explanations that fit equally well
-        return Verdict(cause, sentence + failed, case.parts(cause), case.numbers(), tuple(explanations), ended, alike)
+        return Verdict(cause, sentence, case.parts(cause), case.numbers(), tuple(explanations), ended, alike)
 
 
 class Case:
     """The measurements of one engine on one linkage, and the questions that lead to the verdict.
 
+    The methods `_find_...` answer one question each; they return None if they do not find the fault that they look for.
+
     Attributes:
         first: the burst of the run with the requested setting; true: reference states at its checkpoints.
-        off: position errors (k, n) of this run at its checkpoints [m, rad].
+        position_errors: (k, n) errors of this run at its checkpoints [m, rad].
         bursts: those of every run, at the checkpoints that all runs reached; the run with the smallest step comes last.
         errors: largest position error of every run [m, rad].
         limit, by_step, whole: root mean squares of both parts of `steps`, and of the whole error [m, rad].
@@ -216,17 +220,17 @@ class Case:
         self.run, self.own, self.truth, self.choices, self.adaptive, self.projected = run, own, truth, choices, adaptive, projected
         self.first: Burst = bursts[0]
         self.true = truth.at(self.first.at.t)
-        self.off = self.first.at.q - self.true.q
+        self.position_errors = self.first.at.q - self.true.q
         self.errors = tuple(largest(b.at.q - truth.at(b.at.t).q) for b in bursts)
         self.error, self.bar = self.errors[0], float(truth.bar(self.first.at.t).max())
         shortest = min(len(b.at) for b in bursts)
         self.bursts = tuple(b[np.arange(len(b.at)) < shortest] for b in bursts)
         self.steps = split.by_steps(self.bursts, self.true[slice(0, shortest)], adaptive)
         self.limit, self.by_step = split.size(self.steps.limit), split.size(self.steps.by_step)
-        self.whole = split.size(self.off[: self.steps.horizon])
-        self.closure = split.closure_of(own, self.bursts, self.off[: self.steps.horizon])
+        self.whole = split.size(self.position_errors[: self.steps.horizon])
+        self.closure = split.closure_of(own, self.bursts, self.position_errors[: self.steps.horizon])
         self.sound = tuple(b[split.usable(own, b, OPEN * own.mechanism.size)] for b in self.bursts)
-        self.local = tuple(split.local(own, b) if len(b.at) else None for b in self.sound)
+        self.local = tuple(split.measure_local_errors(own, b) if len(b.at) else None for b in self.sound)
         count = len(self.sound[-1].at)
         self.start = States(np.zeros(count), *(np.tile(x, (count, 1)) for x in (own.mechanism.q0, own.mechanism.v0)))
         self.noise = self._acceleration_noise()
@@ -253,13 +257,13 @@ class Case:
         return answer
 
     def _acceleration_noise(self) -> float:
-        """Return the relative error that correct accelerations may have: ten times the difference of two solvers."""
+        """Return the relative error that correct accelerations may have: NOISE, or ten times the difference of two solvers."""
         states = self.sound[-1].at
         if not len(states) or self.own.evaluator.friction:
             return NOISE  # with friction `own` uses the second solver itself, so that the difference would be zero
         a, other = self.own.accelerations(states), self.own.absolute.acceleration(states.t, states.q, states.v)
-        apart = float(np.linalg.norm(a - other) / max(float(np.linalg.norm(a)), 1e-300))
-        return max(NOISE, 10 * apart) if np.isfinite(apart) else NOISE
+        difference = float(np.linalg.norm(a - other) / max(float(np.linalg.norm(a)), 1e-300))
+        return max(NOISE, 10 * difference) if np.isfinite(difference) else NOISE
 
     def _explain(self, y: Array) -> list[Explained]:
         """Return the possible faults that explain acceleration errors y (k, n) of the run with the smallest step, the best first.
@@ -268,13 +272,13 @@ class Case:
         """
         finest = self.sound[-1]
         tried = every_explanation(self.own, finest.at, finest.before, self.start)
-        found = explain(y, self.own.evaluator.mass, tried, self.own.accelerations(finest.at), self.noise)
-        return found[: max(NAMED, len(candidates(found, self.noise)))]
+        fits = explain(y, self.own.evaluator.mass, tried, self.own.accelerations(finest.at), self.noise)
+        return fits[: max(NAMED, len(candidates(fits, self.noise)))]
 
     def _reproduce(self) -> Answer | None:
         """Name the faults that each reproduce the reported accelerations to within the numerical noise; None if there are none."""
         last = self.local[-1]  # of the run with the smallest step
-        if last is None or not last.relative_reported > SEEN:  # also if the error is NaN
+        if last is None or not last.relative_reported > SEEN:  # `not >` is also true for NaN
             return None
         explanations = self._explain(last.reported)
         alike = candidates(explanations, self.noise)
@@ -292,15 +296,13 @@ class Case:
             return answer
         last = self.local[-1]
         if last is None or not last.relative_reported > OFF_REPORTED:
-            sentence = (
-                f"no dominant cause: the largest error, {self.error:.1e} (m, rad), is below {max(SMALL, BARS * self.bar):.0e}"
-            )
+            limit = max(SMALL, BARS * self.bar)
+            sentence = f"no dominant cause: the largest error, {self.error:.1e} (m, rad), is below {limit:.0e}"
             falls = f"; it falls with the step by order {self.steps.order:.1f}" if self.steps.converges else ""
             return Answer(Cause.NONE, sentence + falls)
         explanations = self._explain(last.reported)
-        wrong = (
-            f"positions are right to {self.error:.1e} (m, rad), but reported accelerations are off by {last.relative_reported:.1e}"
-        )
+        positions = f"positions are right to {self.error:.1e} (m, rad)"
+        wrong = f"{positions}, but reported accelerations are off by {last.relative_reported:.1e}"
         if explanations and explanations[0].share >= EXPLAINS:
             return Answer(explanations[0].cause, f"{wrong}: {explanations[0].sentence}", explanations)
         if self.closure.held > MIN_CORRELATION:
@@ -308,8 +310,8 @@ class Case:
         return Answer(Cause.ACCELERATIONS, f"{wrong}, which no parameter explains", explanations)
 
     def _find_turns(self) -> Answer | None:
-        """Detect angles that an engine has wrapped into one turn."""
-        rest, turns = self.off.copy(), np.round(angles(self.off) / (2 * np.pi))  # turns (k, links)
+        """Detect angles that an engine has wrapped into one turn: the errors are whole turns of angles, and nothing else."""
+        rest, turns = self.position_errors.copy(), np.round(angles(self.position_errors) / (2 * np.pi))  # turns (k, links)
         angles(rest)[...] -= 2 * np.pi * turns
         if not turns.any() or not largest(rest) <= BESIDE_TURNS:
             return None
@@ -323,26 +325,27 @@ class Case:
         """Detect from the first part of the run whether the engine reports its links or joint coordinates in a wrong order."""
         # the start and the first third of the checkpoints (at least three), before integration errors have grown
         reported = _join_states(self.first.start, self.first.at[slice(0, max(3, len(self.first.at) // split.PERIODS))])
-        found = samples.order(self.own.mechanism, self.truth.at(reported.t), reported)
-        if found is None:
+        reordered = samples.find_order(self.own.mechanism, self.truth.at(reported.t), reported)
+        if reordered is None:
             return None
-        wrong_order, left = found
-        return Answer(Cause.ORDER, f"{wrong_order}; in order, {left:.1%} of the error is left")
+        wrong_order, left = reordered
+        return Answer(Cause.ORDER, f"{wrong_order}; in the right order, {left:.1%} of the error is left")
 
     def _find_velocities(self) -> Answer | None:
         """Detect velocities that disagree with the change of positions from step to step."""
         finest = self.bursts[-1]
         implied = (finest.after.q - finest.before.q) / (finest.after.t - finest.before.t)[:, None]
-        told = finest.at.v
-        square, whole = float(np.sum((told - implied) ** 2)), max(float(np.sum(implied**2)), 1e-300)
-        error = float(np.sqrt(square / whole))
-        factor = float(np.sum(told * implied)) / whole  # the reported velocities are about `factor` times the implied ones
-        left = float(np.sqrt(float(np.sum((told - factor * implied) ** 2)) / max(square, 1e-300)))  # share of the error left by it
+        reported = finest.at.v
+        square, norm = float(np.sum((reported - implied) ** 2)), max(float(np.sum(implied**2)), 1e-300)
+        error = float(np.sqrt(square / norm))
+        factor = float(np.sum(reported * implied)) / norm  # the reported velocities are about `factor` times the implied ones
+        # share of the error that the factor leaves
+        left = float(np.sqrt(float(np.sum((reported - factor * implied) ** 2)) / max(square, 1e-300)))
         # a wrong velocity counts only if it would displace links by more than SMALL until the last checkpoint
-        if not (error > OFF_VELOCITIES and largest(told - implied) * finest.at.t[-1] > SMALL):
+        if not (error > OFF_VELOCITIES and largest(reported - implied) * finest.at.t[-1] > SMALL):
             return None
-        what = f"they are {factor:.4g} times as large" if left <= samples.LEFT else "no factor explains the difference"
-        sentence = f"reported velocities differ by {error:.1e} from the rate at which reported positions change: {what}"
+        how = f"they are {factor:.4g} times as large" if left <= samples.LEFT else "no factor explains the difference"
+        sentence = f"reported velocities differ by {error:.1e} from the rate at which reported positions change: {how}"
         return Answer(Cause.VELOCITIES, sentence)
 
     def _find_standstill(self) -> Answer | None:
@@ -350,8 +353,8 @@ class Case:
 
         A linkage that starts at rest may do so if the engine leaves out the second derivative of a driver's law.
         """
-        moved, true = (float(np.abs(x.q - x.q[0]).max()) for x in (self.first.at, self.true))
-        if not moved <= STILL * true:
+        travel, true_travel = (float(np.abs(x.q - x.q[0]).max()) for x in (self.first.at, self.true))
+        if not travel <= STILL * true_travel:
             return None
         last = self.local[-1]
         if self.own.mechanism.drivers and last is not None:
@@ -368,16 +371,16 @@ class Case:
         """
         # from the start on, because the state may jump before the first checkpoint
         reported = _join_states(self.first.start, self.first.at)
-        k = samples.suspicious_window(reported, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
+        k = samples.find_suspicious_interval(reported, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
         if k is None or self.adaptive:
             return None
         h = self.first.step
-        whole = np.unique([0, *range(round(reported.t[k] / h), round(reported.t[k + 1] / h) + 1)])
-        x = self.run(self.choices[0], sampling_at(h, whole * h)).trajectory
-        jumped = samples.jump(self.own, States(x.t, x.q, x.v)) if x else None
-        if jumped is None:
+        steps = np.unique([0, *range(round(reported.t[k] / h), round(reported.t[k + 1] / h) + 1)])
+        x = self.run(self.choices[0], sampling_at(h, steps * h)).trajectory
+        jump = samples.find_jump(self.own, States(x.t, x.q, x.v)) if x else None
+        if jump is None:
             return None
-        self.jump_time, size, to_start = jumped
+        self.jump_time, size, to_start = jump
         where = "back to its start" if to_start else "elsewhere"
         sentence = f"the state jumps {where} at t = {self.jump_time:.6g} s, by {size:.2g} (m, rad) in one step"
         return Answer(Cause.RESET, f"{sentence}, as an engine does that resets itself after an error")
@@ -401,21 +404,21 @@ class Case:
         """Test whether the steps are correct, but states are reported at shifted or scaled times, or the start is wrong."""
         h = self.first.step
         for stretch in (False, True):  # first a shift alone, then a shift and a factor on time
-            found = samples.time_map(self.truth, self.first.at, stretch)
-            if found is None or not (self._scales_with_step(found, stretch) and self._steps_are_sound(found)):
+            fit = samples.fit_time_map(self.truth, self.first.at, stretch)
+            if fit is None or not (self._scales_with_step(fit, stretch) and self._steps_are_sound(fit)):
                 continue
-            left = f"at those times {found.left:.1%} of the error is left"
-            if not stretch and abs(found.shift) > 1e-3 * h:
-                self.map, when = found, "later" if found.shift > 0 else "earlier"
-                sentence = f"the samples are those of {abs(found.shift):.3g} s {when} ({abs(found.shift) / h:.3g} steps)"
+            left = f"at those times {fit.left:.1%} of the error is left"
+            if not stretch and abs(fit.shift) > 1e-3 * h:
+                self.map, when = fit, "later" if fit.shift > 0 else "earlier"
+                sentence = f"the samples show the motion {abs(fit.shift):.3g} s {when} ({abs(fit.shift) / h:.3g} steps)"
                 return Answer(Cause.SHIFT, f"{sentence}; {left}")
-            if stretch and abs(found.rate - 1) > 1e-6:
-                self.map = found
-                return Answer(Cause.STRETCH, f"the samples are those of {found.rate:.6g} times their time; {left}")
+            if stretch and abs(fit.rate - 1) > 1e-6:
+                self.map = fit
+                return Answer(Cause.STRETCH, f"each sample shows the motion at {fit.rate:.6g} times its time; {left}")
         if by := self._shift_of_first_step():
-            far, when = ("far", "later") if by > 0 else ("short", "earlier")
-            sentence = f"only the first step leads {abs(by):.3g} s too {far}"
-            return Answer(Cause.SHIFT, f"{sentence}: all other samples are those of {abs(by) / h:.3g} steps {when}")
+            length, when = ("long", "later") if by > 0 else ("short", "earlier")
+            sentence = f"only the first step is {abs(by):.3g} s too {length}"
+            return Answer(Cause.SHIFT, f"{sentence}: all other samples show the motion {abs(by) / h:.3g} steps {when}")
         start, mechanism = self.first.start, self.own.mechanism
         # an error of velocities counts by the displacement that it causes until the last checkpoint
         displaced = max(largest(start.q - mechanism.q0), largest((start.v - mechanism.v0) * self.first.at.t[-1]))
@@ -434,13 +437,13 @@ class Case:
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
             return True
-        again = samples.time_map(self.truth, finest.at, stretch)
-        if again is None:
+        fit = samples.fit_time_map(self.truth, finest.at, stretch)
+        if fit is None:
             return False
         if stretch:
-            return abs(again.rate - 1) > abs(time_map.rate - 1) / 2
+            return abs(fit.rate - 1) > abs(time_map.rate - 1) / 2
         # 0.8 allows for errors of the fit
-        return abs(again.shift) > 0.8 * abs(time_map.shift) * finest.step / self.first.step
+        return abs(fit.shift) > 0.8 * abs(time_map.shift) * finest.step / self.first.step
 
     def _shift_of_first_step(self) -> float:
         """Return the time shift [s] of all samples but the start, found from the first step of every run; 0 if there is none.
@@ -451,18 +454,18 @@ class Case:
         for b, x in zip(self.bursts, self.local, strict=True):
             if self.adaptive or x is None or not len(b.stepped):
                 return 0.0
-            expected = self.own.flow(b.start, np.array([b.step]))
-            # change of the state (positions, and velocities times the step) in one more step, and its error after the first step
-            slope = np.concatenate([expected.v[0] * b.step, self.own.accelerations(expected)[0] * b.step**2])
-            gap = np.concatenate([b.stepped.q[0] - expected.q[0], (b.stepped.v[0] - expected.v[0]) * b.step])
-            steps = float(gap @ slope) / max(float(slope @ slope), 1e-300)
-            unexplained = float(np.linalg.norm(gap - steps * slope)) / max(float(np.linalg.norm(gap)), 1e-300)
+            true = self.own.flow(b.start, np.array([b.step]))
+            # error of the state (positions, and velocities times the step) after the first step, and its change in one more step
+            error = np.concatenate([b.stepped.q[0] - true.q[0], (b.stepped.v[0] - true.v[0]) * b.step])
+            slope = np.concatenate([true.v[0] * b.step, self.own.accelerations(true)[0] * b.step**2])
+            steps = float(error @ slope) / max(float(slope @ slope), 1e-300)  # the shift in steps that explains the error best
+            unexplained = float(np.linalg.norm(error - steps * slope)) / max(float(np.linalg.norm(error)), 1e-300)
             if not (LEAST_LATE < abs(steps) < MOST_LATE and unexplained < MOST and x.relative_implied < abs(steps) / 5):
                 return 0.0
             shifts.append(steps * b.step)
         # a shift decreases at most like the step, an integration error faster; 0.8 allows for other errors
-        same = abs(shifts[-1]) > 0.8 * abs(shifts[0]) * self.bursts[-1].step / self.bursts[0].step
-        return shifts[0] if same else 0.0
+        is_shift = abs(shifts[-1]) > 0.8 * abs(shifts[0]) * self.bursts[-1].step / self.bursts[0].step
+        return shifts[0] if is_shift else 0.0
 
     def _steps_are_sound(self, time_map: samples.TimeMap) -> bool:
         """Tell whether the steps are correct: both the reported accelerations and the implied ones.
@@ -572,7 +575,7 @@ class Case:
         return stays_wrong and self.closure.held > 0.5
 
     def _name_hidden_fault(self) -> str:
-        """Return a clause on a second fault, smaller than the error that the step causes; an empty text if there is none."""
+        """Return a clause on a second fault, whose error is smaller than that of the step; an empty text if there is none."""
         last = self.local[-1]
         if last is not None and last.relative_reported > SOUND:
             best = next(iter(self._explain(last.reported)), None)
@@ -611,21 +614,21 @@ class Case:
             if not relative > SEEN:
                 continue
             _, residual_without = _fit(error, known, root)
-            whole = float(np.sum((error * root) ** 2))
+            square = float(np.sum((error * root) ** 2))
             for x in constraint_explanations(self.own, finest.at, finest.before, self.start):
                 if x.cause is not Cause.STALE or x.once:  # `once`: data of the start, which have no age in steps
                     continue
                 age, residual_with = _fit(error, [*known, x.effect_of(1.0)], root)  # age in steps
-                explains = residual_with * BETTER < residual_without and residual_with < (1 - EXPLAINS) * whole
-                if explains and OLD < age < 5:
-                    share = 1 - residual_with / whole
+                explains = residual_with * BETTER < residual_without and residual_with < (1 - EXPLAINS) * square
+                if explains and OLD < age < OLDEST:
+                    share = 1 - residual_with / square
                     sentence = f"{tell(x.template, age)}, which explains {format_share(share)} of the error of accelerations"
                     return Explained(Cause.STALE, x.what, age, share, sentence)
         return None
 
     def numbers(self) -> Numbers:
         """Return the measured figures; those of a run without usable checkpoints are NaN."""
-        worst = int(np.abs(self.off).max(axis=1).argmax())  # index of the checkpoint with the first run's largest position error
+        worst = int(np.abs(self.position_errors).max(axis=1).argmax())  # index of the checkpoint with the largest error
         return Numbers(
             **vars(self.closure),
             error=self.error,
@@ -657,15 +660,13 @@ class Case:
         if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in UNDIVIDED:
             left = self.map.left if cause.part is Part.SAMPLING else 0.0  # share of the error that the fitted map of time leaves
             return by_part | {cause.part or Part.MODEL: self.whole * (1 - left), Part.INTEGRATOR: self.whole * left}
-        owner = Part.MODEL  # part to which the error at step zero is attributed
+        owner = Part.SOFTNESS if cause is Cause.SOFTNESS else Part.MODEL  # of the error at step zero
         # gaps that do not decrease with the step (`closure_stays`) are not drift
         drift = 0.0 if self.closure.closure_stays else min(self.closure.closure_share * self.whole, self.by_step)
         # drift leads off the constraints and the rest of the error along them: they are about perpendicular, and their squares add
         by_part |= {Part.DRIFT: drift, Part.INTEGRATOR: float(np.sqrt(max(0.0, self.by_step**2 - drift**2)))}
-        if cause is Cause.SOFTNESS:
-            owner = Part.SOFTNESS
-            if self.by_step > self.limit:
-                by_part |= {Part.SOFTNESS: self.by_step, Part.INTEGRATOR: 0.0, Part.DRIFT: 0.0}
+        if cause is Cause.SOFTNESS and self.by_step > self.limit:
+            by_part |= {Part.SOFTNESS: self.by_step, Part.INTEGRATOR: 0.0, Part.DRIFT: 0.0}
         # by_step / 4 stands for the error of Richardson's extrapolation
         resolved = max(BARS * self.bar, self.by_step / 4)
         if cause not in (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT) or self.limit > resolved:
@@ -694,7 +695,7 @@ def _fit(y: Array, columns: list[Array], root: Array) -> tuple[float, float]:
 
 
 def format_share(share: float) -> str:
-    """Return a share as a percentage, with more digits if it would round to 100 %, and "all" from 99.995 % on."""
+    """Return a share as a percentage: in whole percent below 99.5 %, with four digits above, and as "all" from 99.995 % on."""
     if share < 0.995:
         return f"{share:.0%}"
     return f"{100 * share:.4g} %" if share < 0.99995 else "all"

@@ -32,9 +32,10 @@ REFINEMENTS = 8  # largest number of Gauss-Newton steps
 LEAST_AMOUNT, MOST_AMOUNT = -0.95, 20.0  # limits of a relative change of a mass or inertia
 SCREENED = 0.5  # an exact explanation is considered only if its linear fit leaves at most this share of |y|^2
 NUMBERS = ("value", "k", "c", "rest")  # attributes of forces that may be wrong
-ONCE = 0.15  # largest |c - 1| of a fault without an amount; errors of the integrator disturb the fit
-EXACTLY = 0.015  # largest difference from amount -1 ("left out") and -2 ("has the wrong sign")
-GIVEN = 9.81  # [m/s^2] gravity of the explanations if the linkage has none
+ONCE = 0.15  # largest |c - 1| of a fault that is present or not; errors of the integrator disturb the fit
+EXACTLY = 0.015  # largest difference of an amount from -1 ("left out") or -2 ("has the wrong sign")
+ADDED_GRAVITY = 9.81  # [m/s^2] size of a wrong gravity in a linkage without gravity
+# faults of all links at once: name, cause, attributes of links that are wrong by the same factor
 SCALED = (
     ("all inertias", Cause.INERTIA, ["inertia"]),
     ("all masses", Cause.MASS, ["mass"]),
@@ -116,14 +117,14 @@ def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None
     """
     root = np.sqrt(mass)
     target = (y * root).ravel()
-    whole = float(np.linalg.norm(y * root if a is None else a * root)) or 1.0
-    found: dict[str, Explained] = {}
+    norm = float(np.linalg.norm(y * root if a is None else a * root)) or 1.0
+    fits: dict[str, Explained] = {}  # by sentence: of faults with the same sentence, the first counts
     for explanation in tried:
-        fit = _fit(explanation, target, root, whole)
+        fit = _fit(explanation, target, root, norm)
         if fit is not None and (fit.residual <= noise or not explanation.exact):
-            found.setdefault(fit.sentence, fit)
+            fits.setdefault(fit.sentence, fit)
     # equal keys keep their order; beyond the noise the largest share comes first
-    return sorted(found.values(), key=lambda x: -np.inf if x.residual <= noise else -x.share)
+    return sorted(fits.values(), key=lambda x: -np.inf if x.residual <= noise else -x.share)
 
 
 def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
@@ -134,7 +135,7 @@ def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
 def _fit(x: Explanation, target: Array, root: Array, norm: float) -> Explained | None:
     """Fit the amount of a possible fault to errors of accelerations; return None if the fault has no effect or does not fit.
 
-    `target` (k n,) are the errors times the square roots `root` (n,) of the masses, and `norm` is the size of all accelerations.
+    `target` (k n,) has the errors times the square roots `root` (n,) of the masses. The residual is divided by `norm`.
     """
 
     def effect(amount: float) -> Array:
@@ -143,16 +144,17 @@ def _fit(x: Explanation, target: Array, root: Array, norm: float) -> Explained |
 
     unit = SMALL if callable(x.effect) else 1.0
     column = effect(unit) / unit  # the effect of an amount of 1 if the effect is proportional; else its derivative at zero
-    square, whole = float(column @ column), float(target @ target)
-    if not (np.isfinite(square) and square > 0 and whole > 0):
+    column_square, target_square = float(column @ column), float(target @ target)
+    if not (np.isfinite(column_square) and column_square > 0 and target_square > 0):
         return None
-    amount = float(column @ target) / square
+    amount = float(column @ target) / column_square
     residual = target - column * amount
-    if x.exact and float(residual @ residual) > SCREENED * whole:  # saves the refinement of most of the many exact explanations
+    # saves the refinement of most of the many exact explanations
+    if x.exact and float(residual @ residual) > SCREENED * target_square:
         return None
     if callable(x.effect):  # not proportional to the amount; the refinement starts at a factor 1 + amount of 0.1 to 10
         amount, residual = _refine(effect, target, float(np.clip(amount, -0.9, 9.0)))
-    share = 1.0 - float(residual @ residual) / whole
+    share = 1.0 - float(residual @ residual) / target_square
     if not np.isfinite(share) or (x.once and abs(amount - 1.0) > ONCE):
         return None
     relative_residual = float(np.linalg.norm(target - effect(1.0 if x.once else amount))) / norm
@@ -167,16 +169,17 @@ def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> t
     residual = target - effect(amount)
     for _ in range(REFINEMENTS):
         slope = (effect(amount + SMALL) - effect(amount - SMALL)) / (2 * SMALL)
-        better = float(np.clip(amount + (slope @ residual) / max(float(slope @ slope), 1e-300), LEAST_AMOUNT, MOST_AMOUNT))
-        after = target - effect(better)
-        if not float(after @ after) < float(residual @ residual):
+        new_amount = amount + (slope @ residual) / max(float(slope @ slope), 1e-300)
+        new_amount = float(np.clip(new_amount, LEAST_AMOUNT, MOST_AMOUNT))
+        new_residual = target - effect(new_amount)
+        if not float(new_residual @ new_residual) < float(residual @ residual):
             break
-        amount, residual = better, after
+        amount, residual = new_amount, new_residual
     return amount, residual
 
 
 def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield the possible faults with a wrong relative amount of a parameter of a link, gravity or a force, at states x."""
+    """Yield the possible faults with a wrong parameter of a link, gravity or a force; x has the k states of the errors."""
     mechanism, parts = own.mechanism, own.parts(x)
 
     def change_by(**changes: Any) -> Array:
@@ -185,14 +188,14 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
         return parts.effect(mass=changed.mass, Q=changed.applied.generalised(x.q, x.v, x.t))
 
     def scale_links(names: Sequence[str], keys: Sequence[str], c: float) -> Array:
-        """Return the change (k, n) of the accelerations if attributes `keys` of the links are multiplied by 1 + c."""
+        """Return the change (k, n) of the accelerations if attributes `keys` of the named links are multiplied by 1 + c."""
         links: list[Any] = list(mechanism.links)
         scaled = [replace(x, **{key: getattr(x, key) * (1 + c) for key in keys}) if x.name in names else x for x in links]
         return change_by(links=tuple(scaled))
 
-    def with_force(at: int, **changes: Any) -> Array:
-        """Return the change (k, n) of the accelerations if attributes of force number `at` are replaced."""
-        return change_by(forces=tuple(replace(f, **changes) if k == at else f for k, f in enumerate(mechanism.forces)))
+    def change_force(number: int, **changes: Any) -> Array:
+        """Return the change (k, n) of the accelerations if attributes of the force with this number are replaced."""
+        return change_by(forces=tuple(replace(f, **changes) if k == number else f for k, f in enumerate(mechanism.forces)))
 
     names = [link.name for link in mechanism.links]
     for name in names:
@@ -214,23 +217,23 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
         yield Explanation(Cause.GRAVITY, "gravity", change_by(gravity=2 * g), "gravity {is}")
         directions = {"across itself": np.array([-g[1], g[0]])}
     else:
-        directions = {"along x": np.array([GIVEN, 0.0]), "along y": np.array([0.0, GIVEN])}
+        directions = {"along x": np.array([ADDED_GRAVITY, 0.0]), "along y": np.array([0.0, ADDED_GRAVITY])}
     for name, vector in directions.items():
         template = f"gravity has a part {name} that it should not have, {{amount}} times {float(np.hypot(*vector)):.3g} m/s^2"
         yield Explanation(Cause.GRAVITY, f"gravity {name}", change_by(gravity=g + vector), template)
     # one force with a wrong number, on a wrong link or in a wrong direction
-    for at, force in enumerate(mechanism.forces):
+    for number, force in enumerate(mechanism.forces):
         for key in NUMBERS:
-            number = getattr(force, key, 0.0)
-            if np.any(number):
-                doubled, what = with_force(at, **{key: 2 * number}), f"{key} of force {force.name}"
+            value = getattr(force, key, 0.0)
+            if np.any(value):
+                doubled, what = change_force(number, **{key: 2 * value}), f"{key} of force {force.name}"
                 yield Explanation(Cause.FORCE, what, doubled, f"{key} of the force {force.name} {{is}}")
         if isinstance(force, Torque):
             for k in {*range(len(names))} - {force.link}:
                 template = f"the torque {force.name} acts on {names[k]} instead of {mechanism.link_name(force.link)}"
-                yield Explanation(Cause.ORDER, f"link of torque {force.name}", with_force(at, link=k), template, once=True)
+                yield Explanation(Cause.ORDER, f"link of torque {force.name}", change_force(number, link=k), template, once=True)
         if isinstance(force, PointForce):
-            turned = with_force(at, value=np.array([-force.value[1], force.value[0]]))
+            turned = change_force(number, value=np.array([-force.value[1], force.value[0]]))
             template = f"the force {force.name} has another direction"
             yield Explanation(Cause.FORCE, f"direction of force {force.name}", turned, template)
 
@@ -250,13 +253,14 @@ def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     sums = {"all angular forces": force_of(*angular), "all moments on links": moments}
     sums |= {"all forces but gravity": force_of(*mechanism.forces), "all forces and gravity": parts.Q}
     sums |= {f"all of the force {f.name}": force_of(f) for f in mechanism.forces}
-    for what, Q in sums.items():  # the effect of an amount of 1: the sum Q acts once more
+    for what, Q in sums.items():  # an amount of 1: the sum Q acts once more
         yield Explanation(Cause.FORCE, what, parts.effect(Q=parts.Q + Q), f"{what} {{are}}", exact=True)  # {are}: see `tell`
 
 
 def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield the possible faults with a wrong factor on entries, rows or velocity terms; an amount of -1 leaves them out."""
+    """Yield the possible faults with a wrong factor on velocity terms, or on entries or rows of J; -1 leaves them out."""
     mechanism, parts = own.mechanism, own.parts(x)
+    # `part`: which held coordinate of a joint the row belongs to; empty for couplings, drivers and knife edges
     names = [f"{row.owner}, {ORDINALS[row.place]} row" if row.part else row.owner for row in mechanism.row_names]
     columns = [f"{coordinate} of {link.name}" for link in mechanism.links for coordinate in COORDINATES]
     bias = parts.gamma - own.second_rates(x)  # (k, m) velocity terms -J' v
@@ -274,9 +278,9 @@ def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
         return parts.effect(J=J)
 
     for row, name in enumerate(names):
-        places: list[tuple[Any, str]] = [(slice(None), f"row of {name}")]
-        places += [(k, f"entry ({name}; {columns[k]})") for k in np.flatnonzero(parts.J[:, row].any(axis=0))]
-        for column, what in places:
+        wrong: list[tuple[Any, str]] = [(slice(None), f"row of {name}")]  # columns that are wrong, and words for them
+        wrong += [(k, f"entry ({name}; {columns[k]})") for k in np.flatnonzero(parts.J[:, row].any(axis=0))]
+        for column, what in wrong:
             template = f"the Jacobian's {what} {{is}}"
             yield Explanation(Cause.JACOBIAN, f"Jacobian's {what}", partial(scale_entries, row, column), template, exact=True)
 
@@ -284,7 +288,7 @@ def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 def constraint_explanations(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
     """Yield the possible faults in which an engine leaves out constraints or terms of them, or uses those of another state.
 
-    The amount of data of an earlier step is their age in steps; all other faults are present or not.
+    For constraint data of an earlier step, the amount is their age in steps. All other faults are present or not.
 
     Args:
         x: states at which the accelerations are compared; before: states one step earlier.
@@ -300,10 +304,10 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
         return parts.effect(gamma=gamma)
 
     rows_of: dict[str, list[int]] = {}  # name of a joint -> its rows; a pin through several links is several joints of one name
-    at = 0
+    first = 0  # the first row of a joint
     for joint in mechanism.joints:
-        rows_of.setdefault(joint.joint, []).extend(range(at, at + len(joint.held)))
-        at += len(joint.held)
+        rows_of.setdefault(joint.joint, []).extend(range(first, first + len(joint.held)))
+        first += len(joint.held)
     closing = sorted(row for joint in spanning_tree(mechanism).closures for row in rows_of[joint.joint])
     # constraints that are left out: name, verb of the sentence, rows
     dropped = [(f"the joint {name}", "is", indices) for name, indices in rows_of.items()]

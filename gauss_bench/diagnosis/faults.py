@@ -29,7 +29,7 @@ RESET_AT = 0.23  # [s] time at which `reset` acts
 
 
 def same(item: Any, *_: Any) -> Any:
-    """Return the item unchanged; the default where a fault replaces nothing."""
+    """Return the first argument unchanged: the default of each function of a fault that replaces nothing."""
     return item
 
 
@@ -77,10 +77,11 @@ class FaultyModel(InterpretedModel):
 
     def rows(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return J (m, n) and gamma (m,) of J a = gamma at a state."""
-        found = self.evaluator.constraints(t, q, v)
-        return found.J, found.gamma
+        constraints = self.evaluator.constraints(t, q, v)
+        return constraints.J, constraints.gamma
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) that the engine computes with its fault."""
         return self._solve(t, self.fault.terms(self.evaluator.terms(t, q, v), self, t, q, v)).a
 
     def stabilized(self, t: float, q: Array, v: Array) -> Array:
@@ -89,6 +90,7 @@ class FaultyModel(InterpretedModel):
         return self.acceleration(t, q, v)
 
     def _solve(self, t: float, terms: Terms) -> Solution:
+        """Return the solution for the terms, as the fault changes it."""
         return self.fault.solved(super()._solve(t, terms), terms, self)
 
     def prepare(self, times: Array, native: bool = True) -> None:
@@ -130,9 +132,9 @@ class Faulty(Interpreted):
 # faults in the terms
 
 
-def last_pin(mechanism: Mechanism) -> list[int]:
+def rows_of_last_pin(mechanism: Mechanism) -> list[int]:
     """Return the indices of the constraint rows of the last pin in the file."""
-    ends = np.cumsum([len(joint.held) for joint in mechanism.joints])
+    ends = np.cumsum([len(joint.held) for joint in mechanism.joints])  # one row for each held coordinate
     last = max(k for k, joint in enumerate(mechanism.joints) if joint.ends_meet)
     return list(range(ends[last] - len(mechanism.joints[last].held), ends[last]))
 
@@ -145,17 +147,19 @@ def without(terms: Terms, rows: list[int]) -> Terms:
 
 def soft_loop(terms: Terms, model: FaultyModel, *_: object) -> Terms:
     """Replace the last pin by a spring and a damper between its two points."""
-    rows = last_pin(model.mechanism)
+    rows = rows_of_last_pin(model.mechanism)
     # stiffness [N/m] and damping [N s/m]
     Q = terms.Q - terms.J[rows].T @ (2e4 * terms.phi[rows] + 40.0 * terms.phi_dot[rows])
     return replace(without(terms, rows), Q=Q)
 
 
 def ignore_joint(terms: Terms, model: FaultyModel, *_: object) -> Terms:
-    return without(terms, last_pin(model.mechanism))
+    """Leave out the constraints of the last pin."""
+    return without(terms, rows_of_last_pin(model.mechanism))
 
 
 def ignore_constraints(terms: Terms, *_: object) -> Terms:
+    """Leave out all constraints."""
     return without(terms, list(range(len(terms.J))))
 
 
@@ -171,6 +175,7 @@ def keep_first_jacobian(terms: Terms, model: FaultyModel, *_: object) -> Terms:
 
 
 def without_velocity_terms(terms: Terms, *_: object) -> Terms:
+    """Leave out -J' v, which is all of gamma in a linkage without drivers."""
     return replace(terms, gamma=0 * terms.gamma)
 
 
@@ -221,22 +226,25 @@ def resample(times: Array, step: float, late: float = 0.0, rate: float = 1.0) ->
 
 
 def standing_still(trajectory: Trajectory, *_: object) -> Trajectory:
+    """Report the first position, at rest, at all times."""
     return replace(trajectory, q=0 * trajectory.q + trajectory.q[0], v=0 * trajectory.v, a=0 * trajectory.a)
 
 
 def within_a_turn(trajectory: Trajectory, *_: object) -> Trajectory:
+    """Wrap all angles into the interval from -pi to pi."""
     q = trajectory.q.copy()
     angles(q)[...] = (angles(q) + np.pi) % (2 * np.pi) - np.pi
     return replace(trajectory, q=q)
 
 
 def backwards(trajectory: Trajectory, *_: object) -> Trajectory:
+    """Report velocities with the wrong sign."""
     return replace(trajectory, v=-trajectory.v)
 
 
 def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
     """Exchange the first two links."""
-    order = bodies(np.arange(mechanism.n, dtype=float)).astype(int)
+    order = bodies(np.arange(mechanism.n, dtype=float)).astype(int)  # (links, 3): index of every coordinate
     order[[0, 1]] = order[[1, 0]]
     return replace(trajectory, **{level: getattr(trajectory, level)[:, order.ravel()] for level in "qva"})
 
@@ -247,7 +255,7 @@ def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajec
     If both orders are equal, the coordinates are reported in reverse. Joint accelerations are taken as zero.
     """
     tree = spanning_tree(mechanism)
-    depth = {-1: 0}
+    depth = {-1: 0}  # index of a link -> number of joints between it and the ground, whose index is -1
     for branch in tree.branches:
         depth[branch.link] = depth[branch.parent] + 1
     order = sorted(range(tree.n), key=lambda k: depth[tree.branches[k].link])
@@ -261,7 +269,8 @@ def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajec
 def read_engine(name: str, sentence: str, cause: str, where: Any = FOUR_BAR, **spoils: Any) -> Fault:
     """Return the fault of an engine that one [[engine]] table of `planted.toml` describes.
 
-    `spoils` has attributes of `Fault` -> names of functions of this file, or arguments of `alter` or `resample`.
+    `spoils` has attributes of `Fault` with names of functions in this file, or the keys `alter` or `resample` with arguments of the
+    function of this name.
     """
     functions: Any = {key: globals()[x] for key, x in spoils.items() if key not in ("alter", "resample")}
     if "alter" in spoils:

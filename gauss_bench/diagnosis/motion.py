@@ -43,7 +43,7 @@ class Parts:
     tolerance: float
 
     def accelerations(self) -> Array:
-        """Return the accelerations a (k, n) that solve M a + J^T lambda = Q, J a = gamma."""
+        """Return the accelerations a (k, n) that solve M a + J^T lambda = Q, J a = gamma, by the formula above."""
         root = np.sqrt(self.mass)
         free = self.Q / root  # M^(-1/2) Q
         if not self.J.shape[1]:
@@ -51,14 +51,14 @@ class Parts:
         U, s, Vt = np.linalg.svd(self.J / root, full_matrices=False)
         keep = s > self.tolerance * s.max(axis=-1, keepdims=True, initial=0.0)
         inverse = np.where(keep, 1.0 / np.where(keep, s, 1.0), 0.0)
-        moved = inverse * (np.swapaxes(U, -1, -2) @ self.gamma[..., None])[..., 0]  # S1^-1 U1^T gamma
+        prescribed = inverse * (np.swapaxes(U, -1, -2) @ self.gamma[..., None])[..., 0]  # S1^-1 U1^T gamma
         blocked = keep * (Vt @ free[..., None])[..., 0]  # V1^T M^(-1/2) Q, since V2 V2^T = I - V1 V1^T
-        b = free + (np.swapaxes(Vt, -1, -2) @ (moved - blocked)[..., None])[..., 0]
+        b = free + (np.swapaxes(Vt, -1, -2) @ (prescribed - blocked)[..., None])[..., 0]
         return np.asarray(b / root)
 
     @cached_property
     def unaltered(self) -> Array:
-        """The accelerations (k, n) that follow from these terms."""
+        """The accelerations (k, n) that follow from these terms, computed once."""
         return self.accelerations()
 
     def effect(self, **terms: Any) -> Array:
@@ -139,7 +139,7 @@ class OwnMotion:
         return States(x.t + by, q.reshape(k, n), v)
 
     def project(self, x: States) -> States:
-        """Return the states x projected on the constraints."""
+        """Return the states x, with positions and velocities projected on the constraints."""
         pairs = [self.evaluator.project(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)]
         return States(x.t, np.array([q for q, _ in pairs]), np.array([v for _, v in pairs]))
 

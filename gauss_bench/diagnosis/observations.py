@@ -19,7 +19,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import States, Trajectory
 
 HALVINGS = 3  # number of runs: an order of convergence needs three
-COUNT = 50  # most checkpoints
+COUNT = 50  # largest number of checkpoints
 FEWEST = 4  # smallest number of steps of a run
 GRID = 1e-2  # [s] spacing of the references' samples; checkpoints on this grid need no flow between samples
 REFINED = (1e-11, 1e-12)  # tolerances of the finer runs if the integrator chooses its own steps
@@ -47,6 +47,7 @@ class Burst:
     a: Array
 
     def __getitem__(self, chosen: NDArray[Any]) -> "Burst":
+        """Return the burst at those checkpoints that a mask or an array of indices chooses."""
         return replace(self, before=self.before[chosen], at=self.at[chosen], after=self.after[chosen], a=self.a[chosen])
 
 
@@ -78,8 +79,8 @@ def ladder(choice: Choice, adaptive: bool) -> list[Choice]:
 
 def sample(step: float, at: Array) -> Sampling:
     """Return the sampling at the start, after the first step, and around the checkpoints `at` (k,) [s]."""
-    whole = np.unique(np.concatenate([[0, 1], *(np.round(at / step) + k for k in (-1, 0, 1))]))
-    return sampling_at(step, whole * step)
+    steps = np.unique(np.concatenate([[0, 1], *(np.round(at / step) + k for k in (-1, 0, 1))]))  # numbers of the sampled steps
+    return sampling_at(step, steps * step)
 
 
 def burst(choice: Choice, at: Array, trajectory: Trajectory) -> Burst:
@@ -111,12 +112,13 @@ def observe(
     """
     checkpoint_times, bursts, runs = checkpoints(choices[0].step, until), list[Burst](), list[Run]()
     for choice in choices:
-        told(f"a run by {f'tolerance {choice.tolerance:g}' if choice.tolerance else f'steps of {choice.step:g} s'}")
+        setting = f"tolerance {choice.tolerance:g}" if choice.tolerance else f"steps of {choice.step:g} s"
+        told(f"a run by {setting}")
         runs.append(run(choice, sample(choice.step, checkpoint_times)))
-        trajectory = runs[-1].trajectory or runs[-1].reached
-        found = burst(choice, checkpoint_times, trajectory) if trajectory else None
-        if found and len(found.at):
-            bursts.append(found)
+        samples = runs[-1].samples  # of a failed run, those before its failure
+        observed = burst(choice, checkpoint_times, samples) if samples else None
+        if observed and len(observed.at):
+            bursts.append(observed)
         elif not bursts:
             break
     return tuple(bursts), tuple(runs)

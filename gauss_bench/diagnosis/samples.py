@@ -42,7 +42,7 @@ def _state(x: States, pace: float) -> Array:
     return np.hstack([x.q, x.v * pace])
 
 
-def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | None:
+def fit_time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | None:
     """Fit the map true time = shift + rate * reported time to reported samples by Gauss-Newton steps.
 
     The error is the distance of a reported state from the true state, with velocities in units of positions. Return None if the fit
@@ -52,10 +52,10 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
     rms = [float(np.sqrt(np.mean(x * x))) for x in (reference.v, reference.a)]
     if not all(rms):
         return None
-    pace = rms[0] / rms[1]  # [s] time in which velocities change
+    pace = rms[0] / rms[1]  # [s] time in which velocities change by their own size
     shift, rate = 0.0, _first_rate(truth, reported, pace) if stretch else 1.0
     inside = reported.t * rate <= truth.until
-    x = reported[inside][:: max(1, int(inside.sum()) // LOOKED_AT)]
+    x = reported[inside][:: max(1, int(inside.sum()) // LOOKED_AT)]  # about LOOKED_AT samples, whose true times have a reference
     if len(x) < 3:
         return None
     state, best = _state(x, pace), TimeMap(shift, rate, np.inf)
@@ -63,14 +63,14 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
     for _ in range(ITERATIONS):
         # the reference can be continued only a little before its start and beyond its end
         mapped = truth.at(np.clip(shift + rate * x.t, -0.05 * truth.until, 1.05 * truth.until))
-        off = state - _state(mapped, pace)
-        remaining_share = float(np.median(np.linalg.norm(off, axis=1) / np.maximum(before, 1e-9 * before.max(initial=1e-300))))
-        if not remaining_share < 0.99 * best.left:  # the last step improved the fit by less than 1 %
+        error = state - _state(mapped, pace)
+        left = float(np.median(np.linalg.norm(error, axis=1) / np.maximum(before, 1e-9 * before.max(initial=1e-300))))
+        if not left < 0.99 * best.left:  # the last step improved the fit by less than 1 %
             break
-        best = TimeMap(shift, rate, remaining_share)
+        best = TimeMap(shift, rate, left)
         slope = np.hstack([mapped.v, truth.motion.accelerations(mapped) * pace])  # derivative of the state by time
         columns = [slope, slope * x.t[:, None]] if stretch else [slope]  # derivatives by shift and rate
-        change = np.linalg.lstsq(np.array([c.ravel() for c in columns]).T, off.ravel(), rcond=None)[0]
+        change = np.linalg.lstsq(np.array([c.ravel() for c in columns]).T, error.ravel(), rcond=None)[0]
         steps = np.clip(change, -pace, pace).tolist()  # farther away the linearisation does not hold
         shift, rate = shift + steps[0], rate + sum(steps[1:])  # steps[1] exists only with `stretch`
     return best if best.left <= LEFT else None
@@ -89,7 +89,7 @@ def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
     return float(np.clip(np.median(rates), 0.2, 5.0)) if len(rates) else 1.0
 
 
-def order(mechanism: Mechanism, truth: States, reported: States) -> tuple[str, float] | None:
+def find_order(mechanism: Mechanism, truth: States, reported: States) -> tuple[str, float] | None:
     """Find a permutation of the reported links or joint coordinates that fits the true motion much better than the reported order.
 
     Return the wrong order in words and the share of the error that the permutation leaves; None if every permutation leaves more
@@ -117,12 +117,12 @@ def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[
     """
 
     def links(x: Array) -> Array:
-        return bodies(x).transpose(1, 0, 2)
+        return bodies(x).transpose(1, 0, 2)  # (links, samples, 3)
 
     names = [link.name for link in mechanism.links]
-    for words, found, true in (("links", reported.q, truth.q), ("velocities of links", reported.v, truth.v)):
-        yield words, links(found), links(true), names
-        yield f"angles in {words}", angles(found).T, angles(true).T, names
+    for words, values, true in (("links", reported.q, truth.q), ("velocities of links", reported.v, truth.v)):
+        yield words, links(values), links(true), names
+        yield f"angles in {words}", angles(values).T, angles(true).T, names
     for shallow in (False, True):  # trees of long chains and trees of least depth have other joint coordinates
         tree = spanning_tree(mechanism, shallow)
         named = [""] * tree.n
@@ -134,20 +134,21 @@ def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[
         yield "joint velocities", dy.T, true_dy.T, named
 
 
-def suspicious_window(reported: States, a: Array) -> int | None:
+def find_suspicious_interval(reported: States, a: Array) -> int | None:
     """Return the index of the checkpoint after which the state may have jumped, or None.
 
-    A displacement is suspicious if velocities and accelerations a (k, n) at the checkpoints do not explain it.
+    The state may have jumped if velocities and accelerations a (k, n) at two checkpoints leave more than SUSPICIOUS of the
+    displacement between them unexplained.
     """
     h = np.diff(reported.t)[:, None]
     v, q = reported.v, reported.q
     # displacement less its integral by the corrected trapezoidal rule (k - 1,)
-    off = np.abs(np.diff(q, axis=0) - h / 2 * (v[1:] + v[:-1]) + h**2 / 12 * np.diff(a, axis=0)).max(axis=1)
-    k = int(off.argmax()) if len(off) else 0
-    return k if len(off) and off[k] > SUSPICIOUS else None
+    unexplained = np.abs(np.diff(q, axis=0) - h / 2 * (v[1:] + v[:-1]) + h**2 / 12 * np.diff(a, axis=0)).max(axis=1)
+    k = int(unexplained.argmax()) if len(unexplained) else 0
+    return k if len(unexplained) and unexplained[k] > SUSPICIOUS else None
 
 
-def jump(own: OwnMotion, dense: States) -> tuple[float, float, bool] | None:
+def find_jump(own: OwnMotion, dense: States) -> tuple[float, float, bool] | None:
     """Return time [s] and size [m, rad] of a jump of the state, and whether it leads back to the start; None if there is none.
 
     `dense` has the start, and then samples at every step. Of the displacements in one step that the mean velocity does not explain,

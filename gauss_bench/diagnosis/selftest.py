@@ -28,7 +28,7 @@ from gauss_bench.runs.one_run import one_run
 from gauss_bench.trajectory import in_a_sentence
 
 Check = Callable[[], str | None]
-NUMBERS = (int, float, str, tuple, dict)  # types of the module's constants that an altered source may change
+CONSTANTS = (int, float, str, tuple, dict)  # types of those constants of a module that an altered source may change
 STEP, UNTIL = 4e-3, 0.4  # [s] step and end of the diagnosed runs, the cheapest with which all faults are named
 ADAPTERS = "adapters"  # kind of the faults of engines
 SOUND = (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT)  # possible verdicts on an engine without a fault, whose steps have errors
@@ -54,7 +54,7 @@ def plant(file: str, text: str, mutant: str) -> Iterator[None]:
     """Let a module run, within this context, as if its source file contained `mutant` instead of `text`.
 
     Other modules hold references to the functions of this module. The function objects are therefore kept, and only their code
-    objects are exchanged for those of the altered source. Constants of the types NUMBERS are replaced in the module.
+    objects are exchanged for those of the altered source. Constants of the types CONSTANTS are replaced in the module.
 
     Raises:
         ValueError: `text` does not occur exactly once in the file.
@@ -64,25 +64,26 @@ def plant(file: str, text: str, mutant: str) -> Iterator[None]:
     source = path.read_text(encoding="utf-8")
     if source.count(text) != 1:
         raise ValueError(f"{file} does not contain {text!r} exactly once")
-    spoilt: dict[str, Any] = {"__name__": module.__name__}  # names of the module that its altered source makes
-    exec(compile(source.replace(text, mutant), str(path), "exec"), spoilt)
+    altered_names: dict[str, Any] = {"__name__": module.__name__}  # name -> object, as the altered source defines them
+    exec(compile(source.replace(text, mutant), str(path), "exec"), altered_names)
     original = vars(module)
-    constants = {name: x for name, x in original.items() if type(x) in NUMBERS and not name.startswith("__")}
+    constants = {name: x for name, x in original.items() if type(x) in CONSTANTS and not name.startswith("__")}
     # names of the module and of each of its classes, original and altered
-    pairs = [(original, spoilt), *((vars(x), vars(spoilt[name])) for name, x in original.items() if isinstance(x, type))]
-    own_code, new_code = {}, {}
+    pairs: list[Any] = [(original, altered_names)]
+    pairs += [(vars(x), vars(altered_names[name])) for name, x in original.items() if isinstance(x, type)]
+    original_code, altered_code = {}, {}
     for names, altered in pairs:
         for name, function in names.items():
             if type(function) is FunctionType:
-                own_code[function], new_code[function] = function.__code__, altered[name].__code__
+                original_code[function], altered_code[function] = function.__code__, altered[name].__code__
     try:
-        original |= {name: spoilt[name] for name in constants}
-        for function, code in new_code.items():
+        original |= {name: altered_names[name] for name in constants}
+        for function, code in altered_code.items():
             function.__code__ = code
         yield
     finally:
         original |= constants
-        for function, code in own_code.items():
+        for function, code in original_code.items():
             function.__code__ = code
 
 
@@ -95,11 +96,11 @@ def read_fault(kind: str, sentence: str, check: str, where: tuple[str, str] = FO
     sound: Any = getattr(checks, check)  # the check, run without the fault
     if "file" in fault:
 
-        def spoilt() -> str | None:
+        def check_with_fault() -> str | None:
             with plant(**fault):
                 return sound()  # type: ignore[no-any-return]
 
-        return Planted(kind, sentence, sound, spoilt)
+        return Planted(kind, sentence, sound, check_with_fault)
     return Planted(kind, sentence, partial(sound, tuple(where)), partial(sound, tuple(where), **fault))
 
 
@@ -114,16 +115,16 @@ def smallest(check: Callable[[float], str | None]) -> float:
     Raises:
         ValueError: the check does not detect a fault of the size 1e-2, or detects one of the size 1e-17.
     """
-    sound, seen = 1e-17, 1e-2
-    if check(seen) is None or check(sound) is not None:
-        raise ValueError(f"a fault of {seen:g} is not detected, or one of {sound:g} is")
-    while seen > 1.05 * sound:
-        middle = float(np.sqrt(sound * seen))
+    undetected, detected = 1e-17, 1e-2
+    if check(detected) is None or check(undetected) is not None:
+        raise ValueError(f"a fault of {detected:g} is not detected, or one of {undetected:g} is")
+    while detected > 1.05 * undetected:
+        middle = float(np.sqrt(undetected * detected))
         if check(middle) is None:
-            sound = middle
+            undetected = middle
         else:
-            seen = middle
-    return seen
+            detected = middle
+    return detected
 
 
 # kind of fault -> unit of its size, and check of a fault of this size
@@ -230,12 +231,12 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _:
     if ADAPTERS in kinds:
         sound |= {f"{ADAPTERS}: {' '.join(x)}": partial(diagnose_sound, x) for x in (FOUR_BAR, CRANK_SLIDER, DRIVEN)}
     told(f"{len(sound)} checks of the sound suite")
-    alarms = [sentence for sentence in map(_ask, sound.values()) if sentence is not None]
+    alarms = [sentence for sentence in map(_run_check, sound.values()) if sentence is not None]
     findings: list[Finding] = []
     for kind in kinds:
         told(f"faults in {kind}")
         for fault in (x for x in chosen if x.kind == kind):
-            sentence = _ask(fault.check)
+            sentence = _run_check(fault.check)
             findings.append(Finding(kind, fault.sentence, sentence is not None, sentence or "the check detects nothing"))
         for engine_fault in ENGINES if kind == ADAPTERS else ():
             verdict = diagnose_fault(engine_fault)
@@ -243,13 +244,13 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _:
             findings.append(Finding(kind, engine_fault.sentence, verdict.cause is engine_fault.cause, said))
     sizes: tuple[Smallest, ...] = ()
     if "models" in kinds:
-        told("the smallest faults that are seen")
+        told("the smallest faults that are detected")
         sizes = tuple(Smallest(name, smallest(check), unit) for name, (unit, check) in SIZES.items())
     took = time.process_time() - started
     return SelfTest(tuple(findings), tuple(alarms), len(sound) - len(alarms), sizes, took)
 
 
-def _ask(check: Check) -> str | None:
+def _run_check(check: Check) -> str | None:
     """Run a check; return its sentence on the fault that it detected or on its own failure, or None."""
     try:
         return check()

@@ -63,12 +63,13 @@ class Steps:
 
     @property
     def converges(self) -> bool:
+        """Whether the motion converges when the step is reduced; False if the order is NaN."""
         return bool(self.order > CONVERGES)
 
 
 def horizon_of(errors: list[Array]) -> int:
     """Return the number of checkpoints before the error (k, n) of any run grows beyond REGIME, but at least FEWEST."""
-    beyond = np.any([~(np.abs(e).max(axis=1) <= REGIME) for e in errors], axis=0)
+    beyond = np.any([~(np.abs(e).max(axis=1) <= REGIME) for e in errors], axis=0)  # `not <=` is also true for NaN
     first = int(beyond.argmax()) if beyond.any() else len(beyond)
     return max(first, min(FEWEST, len(beyond)))
 
@@ -133,23 +134,22 @@ class Closure:
 def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Closure:
     """Return how far loops and drivers are open in runs with halved steps, given position errors (k, n) of the first run."""
     gaps = [np.abs(own.gaps(b.at)) for b in bursts]  # each (checkpoints, rows)
-    opened = tuple(float(g.max(initial=0.0)) for g in gaps)
-    sizes, third = gaps[0].max(axis=1, initial=0.0), max(1, len(gaps[0]) // PERIODS)
+    largest = tuple(float(g.max(initial=0.0)) for g in gaps)  # of every run
+    first_run = gaps[0].max(axis=1, initial=0.0)  # (checkpoints,) largest gap of the first run
+    third = max(1, len(first_run) // PERIODS)
     at = bursts[0].at[slice(0, len(errors))]
     with np.errstate(all="ignore"):  # the part of the error that projection would remove
         share = size(at.q - own.project(at).q) / max(size(errors), 1e-300)
     worst = int(gaps[-1].max(axis=0).argmax()) if gaps[-1].shape[1] else 0  # the row with the largest gap
-    name = [*own.mechanism.held_names, *(x.name for x in own.mechanism.drivers), ""][worst]
-    stays = len(opened) > 1 and opened[-1] >= STAYS * opened[-2]
-    early, late = float(sizes[:third].max()), float(sizes[-third:].max())
+    names = [*own.mechanism.held_names, *(x.name for x in own.mechanism.drivers), ""]  # of the rows; "" if there are no rows
     # correlation and ratio of gap and force, of the run with the smallest step
     held, compliance = _compare_gap_with_force(own, bursts[-1], worst)
     return Closure(
-        closure=opened,
-        closure_early=early,
-        closure_late=late,
-        closure_stays=stays,
-        closure_joint=name,
+        closure=largest,
+        closure_early=float(first_run[:third].max()),
+        closure_late=float(first_run[-third:].max()),
+        closure_stays=len(largest) > 1 and largest[-1] >= STAYS * largest[-2],
+        closure_joint=names[worst],
         closure_share=min(share, 1.0),
         held=held,
         compliance=compliance,
@@ -167,12 +167,12 @@ def _compare_gap_with_force(own: OwnMotion, b: Burst, worst: int) -> tuple[float
     force, gap = own.parts(b.at).multipliers(b.a)[:, worst], phi[:, worst]
     if not (np.isfinite(force).all() and force.any() and gap.any()):
         return 0.0, 0.0
-    along = abs(float(force @ gap))
-    return along / float(np.sqrt((force @ force) * (gap @ gap))), along / float(force @ force)
+    product = abs(float(force @ gap))
+    return product / float(np.sqrt((force @ force) * (gap @ gap))), product / float(force @ force)
 
 
 @dataclass(frozen=True, eq=False)
-class Local:
+class LocalErrors:
     """Errors of an engine's accelerations and steps at its own states, on which earlier errors of the motion have no influence.
 
     Attributes:
@@ -189,7 +189,7 @@ class Local:
     relative_implied: float
 
 
-def local(own: OwnMotion, b: Burst) -> Local:
+def measure_local_errors(own: OwnMotion, b: Burst) -> LocalErrors:
     """Compare the accelerations of a run with those of the linkage's equations of motion, at the engine's own states."""
     h = b.after.t - b.at.t  # (k,)
     true = own.accelerations(b.at)
@@ -198,7 +198,7 @@ def local(own: OwnMotion, b: Burst) -> Local:
     relative_reported = float(np.median(relative_acceleration_error(b.a, true)))
     relative_implied = float(np.median(relative_acceleration_error(mean, true_mean)))
     # an explicit Euler step would have the acceleration `true` at its beginning as its mean acceleration
-    return Local(b.a - true, mean - true_mean, true - true_mean, relative_reported, relative_implied)
+    return LocalErrors(b.a - true, mean - true_mean, true - true_mean, relative_reported, relative_implied)
 
 
 def usable(own: OwnMotion, b: Burst, largest_gap: float) -> Array:
@@ -220,6 +220,7 @@ class Misplaced:
 
     @property
     def sentence(self) -> str:
+        """The displacement in words."""
         off = ", ".join(f"{x:.2e}" for x in self.off)
         return f"the pin {self.joint} of {self.link} is elsewhere than the file says, by [{off}] m in the frame of {self.link}"
 
@@ -229,17 +230,17 @@ def find_displaced_pin(own: OwnMotion, coarse: States, fine: States) -> Misplace
 
     The displacement must be about the same in both runs, because a wrong dimension does not depend on the step.
     """
-    first, second = (_explain(own, x) for x in (coarse, fine))
+    first, second = (_fit_pins(own, x) for x in (coarse, fine))
     if first is None or second is None or (first.joint, first.link) != (second.joint, second.link):
         return None
     return second if np.hypot(*(first.off - second.off)) <= SAME * np.hypot(*second.off) else None
 
 
-def _explain(own: OwnMotion, x: States) -> Misplaced | None:
+def _fit_pins(own: OwnMotion, x: States) -> Misplaced | None:
     """Return the pin whose displacement best explains the gaps of the joints at states x; None if it explains less than FITS."""
     mechanism, gaps = own.mechanism, own.gaps(x)  # (k, rows)
     squares = float((gaps**2).sum())
-    found: list[Misplaced] = []
+    fits: list[Misplaced] = []
     row = 0
     for joint in mechanism.joints:
         gap = gaps[:, row : row + len(joint.held)]
@@ -247,12 +248,12 @@ def _explain(own: OwnMotion, x: States) -> Misplaced | None:
         if not joint.ends_meet or not squares:
             continue
         others = squares - float((gap**2).sum())  # squared gaps of other joints, which this pin does not explain
-        for point, sign in zip(joint.ends, (1.0, -1.0), strict=True):
+        for point, sign in zip(joint.ends, (1.0, -1.0), strict=True):  # the gap is second end minus first
             if point.link != GROUND:
                 d, left = _fit_turning(gap, angle_at(x.q, point.link))
                 share = 1.0 - (left + others) / squares
-                found.append(Misplaced(joint.name, mechanism.link_name(point.link), sign * d, share))
-    best = max(found, key=lambda x: x.share, default=None)
+                fits.append(Misplaced(joint.name, mechanism.link_name(point.link), sign * d, share))
+    best = max(fits, key=lambda x: x.share, default=None)
     return best if best is not None and best.share >= FITS else None
 
 

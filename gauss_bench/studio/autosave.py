@@ -19,8 +19,8 @@ from typing import Any
 
 from gauss_bench.atomic import write_text
 
-NAME = re.compile(r"[A-Za-z0-9_]{1,60}")
-LARGEST = 8 << 20  # [bytes] the studio writes no larger files
+NAME = re.compile(r"[A-Za-z0-9_]{1,60}")  # names that a temporary file may have
+LARGEST = 8 << 20  # [bytes] larger files are ignored, because the studio writes none
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ class Unsaved:
     picture: Picture | None = None
 
 
-def folder() -> Path:
-    """Return the folder of unsaved drawings."""
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "gauss-bench" / "studio"
+def cache_folder() -> Path:
+    """Return the folder of unsaved drawings: in XDG_CACHE_HOME if this is an absolute path, otherwise in ~/.cache."""
+    caches = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(caches) if os.path.isabs(caches) else Path.home() / ".cache") / "gauss-bench" / "studio"
 
 
 class Autosave:
@@ -82,7 +82,7 @@ class Autosave:
     def __init__(self, name: str):
         """Choose the file in the cache folder for the document with the given name."""
         self.key = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:20]
-        self.file = folder() / f"{self.key}.{os.getpid()}.json"
+        self.file = cache_folder() / f"{self.key}.{os.getpid()}.json"
 
     def keep(self, text: str, locks: tuple[str, ...], picture: Picture | None) -> None:
         """Write unsaved work to the file; if the file cannot be written, the work is not kept and no error is raised."""
@@ -92,23 +92,21 @@ class Autosave:
             self.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             write_text(self.file, json.dumps(content | {"process": os.getpid(), "since": start_of(os.getpid())}))
 
-    def find_left(self) -> Unsaved | None:
-        """Return the newest unsaved work on this document that an ended process left; ignore damaged files."""
-        left = []
+    def find_unsaved(self) -> Unsaved | None:
+        """Return the newest unsaved work on this document of a process that has ended, or None; ignore damaged files."""
+        unsaved = []
         with suppress(OSError):
-            for path in folder().glob(f"{self.key}.*.json"):
-                if path == self.file or path.is_symlink():
-                    continue
+            for path in cache_folder().glob(f"{self.key}.*.json"):
                 with suppress(OSError, ValueError, KeyError, TypeError):  # a damaged file, or one that vanishes, hides no other
-                    if not path.is_file() or path.stat().st_size > LARGEST:
+                    if path == self.file or path.is_symlink() or not path.is_file() or path.stat().st_size > LARGEST:
                         continue
                     content = json.loads(path.read_text(encoding="utf-8"))
                     process = int(content["process"])
                     # process numbers are reused: only number and start time together identify a process. This process writes only
                     # `self.file`: another file with its number is from a process that has ended
                     if process == os.getpid() or start_of(process) != content["since"]:
-                        left.append(_parse(path, content))
-            return max(left, key=lambda x: x.file.lstat().st_mtime, default=None)
+                        unsaved.append(_parse(path, content))
+            return max(unsaved, key=lambda x: x.file.lstat().st_mtime, default=None)
         return None
 
 
@@ -118,18 +116,18 @@ def _parse(file: Path, content: dict[str, Any]) -> Unsaved:
     Raises:
         KeyError, TypeError, ValueError: the content is damaged.
     """
-    text, locks, given = content["text"], content["locks"], content.get("picture")
+    text, locks, entry = content["text"], content["locks"], content.get("picture")
     if not isinstance(text, str) or not isinstance(locks, list) or not all(isinstance(x, str) for x in locks):
-        raise TypeError("neither text nor locks")
+        raise TypeError("text or locks have a wrong type")
     picture = None
-    if given is not None and str(given["url"]).startswith("data:image/"):
-        x, y = given["at"]
-        picture = Picture(given["url"], (float(x), float(y)), float(given["width"]), float(given["height"]))
+    if entry is not None and str(entry["url"]).startswith("data:image/"):
+        x, y = entry["at"]
+        picture = Picture(entry["url"], (float(x), float(y)), float(entry["width"]), float(entry["height"]))
     return Unsaved(file, text, tuple(locks), picture)
 
 
 def forget(file: Path) -> None:
-    """Delete a file of unsaved work."""
+    """Delete a file of unsaved work; do nothing if it does not exist or cannot be deleted."""
     with suppress(OSError):
         file.unlink(missing_ok=True)
 
@@ -138,18 +136,20 @@ def forget(file: Path) -> None:
 def temporary_file(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
     """Yield the path of a temporary file with a text, for functions that read files; the file is deleted afterwards.
 
+    The file is called `name`, or "drawing" if that is no text of letters, digits and underscores.
+
     Raises:
         OSError: no file can be written, neither in the cache folder nor in the system's temporary folder.
     """
     try:
-        folder().mkdir(mode=0o700, parents=True, exist_ok=True)
-        home = folder() if os.access(folder(), os.W_OK) else None
+        cache_folder().mkdir(mode=0o700, parents=True, exist_ok=True)
+        parent = cache_folder() if os.access(cache_folder(), os.W_OK) else None
     except OSError:
-        home = None  # TemporaryDirectory then takes the system's temporary folder
+        parent = None  # TemporaryDirectory then takes the system's temporary folder
     # number and start time identify this process, so that `remove_orphans` can tell later that it has ended
     prefix = f"run.{os.getpid()}.{start_of(os.getpid())}."
-    with tempfile.TemporaryDirectory(prefix=prefix, dir=home, ignore_cleanup_errors=True) as made:
-        path = Path(made) / f"{name if isinstance(name, str) and NAME.fullmatch(name) else 'drawing'}{suffix}"
+    with tempfile.TemporaryDirectory(prefix=prefix, dir=parent, ignore_cleanup_errors=True) as folder:
+        path = Path(folder) / f"{name if isinstance(name, str) and NAME.fullmatch(name) else 'drawing'}{suffix}"
         path.write_text(text, encoding="utf-8")
         yield path
 
@@ -157,18 +157,18 @@ def temporary_file(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path
 def remove_orphans() -> None:
     """Delete the folders that `temporary_file` made for processes that have ended."""
     with suppress(OSError):
-        for path in folder().glob("run.*.*.*"):
+        for path in cache_folder().glob("run.*.*.*"):
             _, process, began, *_ = path.name.split(".")
             if process.isdigit() and start_of(int(process)) != began and path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path, ignore_errors=True)
 
 
 def start_of(process: int) -> str:
-    """Return the start time of a process in the system's own units; "" if it has ended, even as a zombie; "alive" without /proc."""
+    """Return the start time of a process [clock ticks] as text; "" if it has ended. Without /proc, return "alive" while it runs."""
     with suppress(OSError, IndexError):
         # the fields after the name, which stands in brackets and may contain spaces: state first, start time as the 20th
         fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
-        return "" if fields[0] in "ZX" else fields[19]  # Z and X: ended
+        return "" if fields[0] in "ZX" else fields[19]  # Z: a zombie, which has ended; X: dead
     if Path("/proc/self/stat").exists():
         return ""
     try:

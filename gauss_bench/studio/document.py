@@ -22,8 +22,9 @@ from gauss_bench.untrusted import parse_toml
 
 Document = dict[str, Any]
 
-# the order of tables in a text that is written anew
+# the order of tables in a text that is written anew; GROUPS[:5] are those up to "constraints"
 ORDER = ("ground", *GROUPS[:5], "assembly", "observe", "measure", *GROUPS[5:])
+# the text of a new drawing
 EMPTY = f"""\
 format = "{SECOND}"
 name = "drawing"
@@ -43,7 +44,7 @@ def is_driven(scenario: Mapping[str, Any]) -> bool:
 
 
 def parse_text(text: str) -> Document:
-    """Parse a text into tables; refuse one that is larger than a linkage file may be."""
+    """Return the tables of a text; refuse a text that is no TOML, or exceeds a limit of linkage files."""
     if len(text.encode("utf-8", "replace")) > MAX_BYTES:
         raise Refused(f"larger than {MAX_BYTES} bytes; not a linkage file")
     try:
@@ -73,20 +74,20 @@ def _change(parsed: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: t
     """Change a table of tomlkit, to which the keys `path` lead, from the content `old` to the content `new`."""
     removed, added = [k for k in old if k not in new], [k for k in new if k not in old]
     if len(removed) == len(added) == 1:
-        before, after = removed[0], added[0]
+        old_key, new_key = removed[0], added[0]
         # a table that disappears where another one appears was renamed: rename it in place, so that it keeps its comments
-        if isinstance(old[before], dict) and [*old].index(before) == [*new].index(after):
-            _rename(parsed, before, after)
-            old = {after if k == before else k: x for k, x in old.items()}
+        if isinstance(old[old_key], dict) and [*old].index(old_key) == [*new].index(new_key):
+            _rename(parsed, old_key, new_key)
+            old = {new_key if k == old_key else k: x for k, x in old.items()}
     for key in old:
         if key not in new:
             parsed.remove(key)
-    for key in new if path else sorted(new, key=_rank):
+    for key in new if path else sorted(new, key=_rank):  # path: () at the top level, where values must stand before tables
         value = new[key]
         if key not in old:
-            parsed.append(key, _item(value, (*path, key)))
+            parsed.append(key, _as_item(value, (*path, key)))
         elif old[key] != value:
-            has_heading = isinstance(parsed[key], (Table, OutOfOrderTableProxy)) or hasattr(parsed[key], "is_super_table")
+            has_heading = isinstance(parsed[key], (Table, OutOfOrderTableProxy))
             if isinstance(value, dict) and isinstance(old[key], dict) and has_heading:
                 _change(parsed[key], old[key], value, (*path, key))
             else:
@@ -94,7 +95,7 @@ def _change(parsed: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: t
 
 
 def _rank(key: str) -> int:
-    """Return the number by which the top-level keys of a new file are sorted; plain values come first, before any table."""
+    """Return the position of a top-level key in ORDER; -1 for other keys, whose plain values must stand before any table."""
     return ORDER.index(key) if key in ORDER else -1
 
 
@@ -108,8 +109,11 @@ def _rename(parsed: Any, old: str, new: str) -> None:
         parsed.append(new if key == old else key, item)
 
 
-def _item(value: Any, path: tuple[str, ...]) -> Any:
-    """Return a value as an item of tomlkit at a path of keys: a table gets a [heading] at the top level or in a table of GROUPS."""
+def _as_item(value: Any, path: tuple[str, ...]) -> Any:
+    """Return a value as an item of tomlkit at a path of keys: a table gets a [heading] at the top level or in a table of GROUPS.
+
+    Any other table, and `expect`, becomes an inline table.
+    """
     has_heading = path != ("expect",) and (len(path) == 1 or (len(path) == 2 and path[0] in GROUPS))
     if not isinstance(value, dict) or not has_heading:
         return tomlkit.value(write_value(value))

@@ -11,10 +11,11 @@ from gauss_bench.kinematics.dragging import Drag, Locks
 from gauss_bench.linkage.references import drivers_of
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
+from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.studio.edits.drawing import Drawing, Pin, owner
 from gauss_bench.studio.messages import Message, Refused, place
 from gauss_bench.studio.reading import Reading
-from gauss_bench.studio.scene import drivers_possible
+from gauss_bench.studio.scene import find_drivable
 from gauss_bench.terms import Array
 
 STEPS = 40  # largest number of steps towards one position of the pointer
@@ -36,8 +37,8 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
         group, _, name = lock.partition(".")
         if group in locked and ":" not in lock:  # the lock of a length has a colon, and no drag changes lengths
             locked[group].append(name)
-    points = [d.pins[x].members[0] for x in locked["pins"] if x in d.pins and d.pins[x].members]
-    points = [x for x in points if owner(x) != "ground"]
+    locked_pins = [d.pins[x] for x in locked["pins"] if x in d.pins and d.pins[x].members]
+    points = [x.members[0] for x in locked_pins if owner(x.members[0]) != "ground"]  # one point holds all points of its pin
     joints = {x.joint for x in mechanism.pins}.intersection(locked["joints"])
     try:
         parts = Locks(tuple(locked["links"]), tuple(points), tuple(locked["slides"]), tuple(sorted(joints)))
@@ -62,7 +63,7 @@ def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, An
 
 
 def closed_mechanism(reading: Reading, word: str) -> Mechanism:
-    """Return the mechanism of a drawing; `word` completes the refusal "cannot be ..."."""
+    """Return the mechanism of a drawing; refuse a drawing that does not assemble, and `word` completes "cannot be ..."."""
     if reading.mechanism is None:
         raise Refused(f"nothing is drawn yet that could be {word}")
     if not reading.closed:
@@ -70,8 +71,11 @@ def closed_mechanism(reading: Reading, word: str) -> Mechanism:
     return reading.mechanism
 
 
-def inputs(reading: Reading) -> list[str]:
-    """Return the names of the input links: of the first scenario that drives links, else the crank, else a link on the ground."""
+def find_input_links(reading: Reading) -> list[str]:
+    """Return the names of the input links: those that the first scenario with driven links drives.
+
+    Without such a scenario it is the crank, and without a crank the first link that is pinned to the ground, if there is one.
+    """
     document = reading.document
     for scenario in document.get("scenarios", {}).values():
         names = [x["link"] for x in drivers_of(scenario) if "link" in x]
@@ -79,16 +83,16 @@ def inputs(reading: Reading) -> list[str]:
             return names
     if isinstance(document.get("crank"), str):
         return [document["crank"]]
-    return [x["name"] for x in drivers_possible(reading) if x["kind"] == "angle"][:1]
+    return [x["name"] for x in find_drivable(reading) if x["kind"] == "angle"][:1]
 
 
 def find_branches(reading: Reading) -> list[Array]:
     """Return the positions, each (n,), of all assemblies with the present angles of the input links, the drawn one first."""
     mechanism = closed_mechanism(reading, "assembled in another way")
-    drivers = []
-    for name in inputs(reading):
+    drivers = []  # each holds an input link at its present angle
+    for name in find_input_links(reading):
         body, _ = mechanism.find_body(name)
-        drivers.append(AngleDriver(name, constant(float(reading.q[3 * body + 2]), 0.0), body))
+        drivers.append(AngleDriver(name, constant(float(angle_at(reading.q, body)), 0.0), body))
     try:
         return [*branches(replace(mechanism, drivers=tuple(drivers)), reading.q)]
     except ValueError as error:

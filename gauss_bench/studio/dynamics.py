@@ -11,16 +11,16 @@ from gauss_bench.engines import all_names
 from gauss_bench.runs.offers import SAFE, offer, offers
 from gauss_bench.studio.document import write_document
 from gauss_bench.studio.dragging import closed_mechanism
-from gauss_bench.studio.edits.scenarios import FREE, RELEASED, free_start
+from gauss_bench.studio.edits.scenarios import FREE, RELEASED, make_start
 from gauss_bench.studio.messages import Message, Refused, number
 from gauss_bench.studio.session import Session
 
-LONGEST, LIMIT, STEP = 60.0, 120.0, 1e-3  # [s] longest motion, longest time to compute it, step size
+LONGEST, LIMIT, STEP = 60.0, 120.0, 1e-3  # [s] longest motion, longest time in which it is computed, step size
 BUDGET, MOST_BUDGET = 30.0, 600.0  # [s] default and longest duration of a search
 
 
-def engines_here() -> list[dict[str, Any]]:
-    """Return for every engine its name, whether it can be used on this machine, and the reason if it cannot."""
+def list_engines() -> list[dict[str, Any]]:
+    """Return name, whether it can be used on this machine, and the reason if it cannot, for every engine of this package."""
     offered = offers([x for x in all_names() if x in SAFE])
     return [{"name": x.name, "here": x.usable, "reason": x.reason} for x in offered]
 
@@ -33,17 +33,20 @@ def write_released(session: Session, message: Message) -> tuple[str, float]:
     closed_mechanism(session.reading, "let go")  # raises if the drawing does not assemble
     document = session.document
     scenarios = document.setdefault("scenarios", {})
-    kept = scenarios.get(RELEASED, {"forces": [*document.get("forces", {})]})  # the present scenario; if none, all forces act
-    until = number(message, "until", float(kept.get("duration") or FREE))
+    present = scenarios.get(RELEASED, {"forces": [*document.get("forces", {})]})  # if the file has none, all forces act
+    until = number(message, "until", float(present.get("duration") or FREE))
     if not 0 < until <= LONGEST:
-        raise Refused(f"until is a time of at most {LONGEST:g} s", field="until")
-    start = free_start(session.reading, [])
-    scenarios[RELEASED] = {"duration": until, "forces": kept.get("forces", []), "start": start}
+        raise Refused(f"until must be above 0 and at most {LONGEST:g} s", field="until")
+    start = make_start(session.reading, [])
+    scenarios[RELEASED] = {"duration": until, "forces": present.get("forces", []), "start": start}
     return write_document(session.text, document), until
 
 
 def release(session: Session, message: Message) -> dict[str, Any]:
-    """Start a job that simulates the drawn linkage, released from rest, in one or more engines."""
+    """Start a job that simulates the drawn linkage, released from rest, in one or more engines.
+
+    Return the reply: the number of the job, the end time `until` [s] and the names of the engines.
+    """
     text, until = write_released(session, message)
     overlay = message.get("overlay") or []
     first = message.get("engine") or ("gauss-native" if find_spec("llvmlite") else "gauss")
@@ -54,7 +57,7 @@ def release(session: Session, message: Message) -> dict[str, Any]:
 
 
 def _check_usable(engines: list[Any]) -> None:
-    """Check that all engines can be used on this machine."""
+    """Refuse a list of engines if one of them does not exist or cannot be used on this machine."""
     names = all_names()
     for engine in engines:
         if engine not in names:
@@ -65,7 +68,7 @@ def _check_usable(engines: list[Any]) -> None:
 
 
 def recommend(session: Session, message: Message) -> dict[str, Any]:
-    """Start a job that searches for the cheapest setting of an engine with the required accuracy, in the scenario "released".
+    """Start a job that searches for each engine's cheapest setting with the required accuracy, in the scenario "released".
 
     Return the reply, which has the number of the job.
     """
@@ -74,7 +77,7 @@ def recommend(session: Session, message: Message) -> dict[str, Any]:
         raise Refused("say what is required: a position, an angle or a force above 0", field="position")
     budget = number(message, "budget", BUDGET)
     if not 1 <= budget <= MOST_BUDGET:
-        raise Refused(f"a budget is 1 to {MOST_BUDGET:g} seconds", field="budget")
+        raise Refused(f"the budget must be between 1 and {MOST_BUDGET:g} s", field="budget")
     engines = message.get("engines") or []
     _check_usable(engines if isinstance(engines, list) else [engines])
     text, until = write_released(session, message)

@@ -22,51 +22,51 @@ from gauss_bench.studio.autosave import temporary_file
 from gauss_bench.studio.messages import Refused
 
 SHOWN = 200  # largest number of files that are listed
-FOLDER = Path(__file__).parent / "templates"
+CLASSICS = Path(__file__).parent / "templates"  # folder of the classic linkages
 
 
-def templates() -> dict[str, Path]:
+def find_templates() -> dict[str, Path]:
     """Return name -> file of all templates, the built-in linkages first."""
-    return built_in() | {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
+    return built_in() | {path.stem: path for path in sorted(CLASSICS.glob("*.toml"))}
 
 
-def template(name: str) -> Path:
-    """Return the file of a template."""
-    if name not in templates():
+def find_template(name: str) -> Path:
+    """Return the path of a template's file."""
+    if name not in find_templates():
         raise Refused(f"there is no template {name[:60]!r}")
-    return templates()[name]
+    return find_templates()[name]
 
 
 @cache
 def list_templates() -> tuple[dict[str, str], ...]:
     """Return name, title and kind of every template; the page requests their drawings one by one."""
     listed = []
-    for name, path in templates().items():
+    for name, path in find_templates().items():
         title = tomllib.loads(path.read_text(encoding="utf-8")).get("title", name)
-        listed.append({"name": name, "title": title, "kind": "classic" if path.parent == FOLDER else "built-in"})
+        listed.append({"name": name, "title": title, "kind": "classic" if path.parent == CLASSICS else "built-in"})
     return tuple(listed)
 
 
 @cache
 def draw_template(name: str) -> str:
     """Return a template as SVG; empty if it cannot be drawn."""
-    path = template(name)
+    path = find_template(name)
     try:
         return draw(*pose_links(path))
     except (LinkageError, ArithmeticError, ValueError):
         return ""
 
 
-def inside(folder: Path, name: str) -> Path:
-    """Return the path of a linkage file in the working folder, with symbolic links resolved."""
+def resolve_inside(folder: Path, name: str) -> Path:
+    """Return the path of a linkage file in the working folder, with symbolic links resolved; refuse a path outside the folder."""
     if not name or "\0" in name or len(name) > 200:
         raise Refused("the name of the file is missing or too long", field="path")
     try:
         path = (folder / name).resolve()
-        within = path.is_relative_to(folder) and path != folder
+        is_inside = path.is_relative_to(folder) and path != folder
     except (OSError, ValueError, RuntimeError) as error:
-        raise Refused(f"{name[:60]}: is no valid path", field="path") from error
-    if not within:
+        raise Refused(f"{name[:60]}: this is no valid path", field="path") from error
+    if not is_inside:
         raise Refused(f"{name[:60]}: lies outside the folder that the studio was started in", field="path")
     if path.suffix != ".toml":
         raise Refused(f"{name[:60]}: a linkage file ends in .toml", field="path")
@@ -83,9 +83,9 @@ def list_files(folder: Path) -> list[str]:
 
 def open_document(folder: Path, name: str) -> tuple[str, Path | None]:
     """Return text and path of a file in the folder, or the text of a template and None."""
-    if not Path(name).suffix and name in templates():
-        return template(name).read_text(encoding="utf-8"), None
-    path = inside(folder, name)
+    if not Path(name).suffix and name in find_templates():
+        return find_template(name).read_text(encoding="utf-8"), None
+    path = resolve_inside(folder, name)
     read_file(path)  # raises if the file is no linkage file
     return path.read_text(encoding="utf-8"), path
 
@@ -104,11 +104,11 @@ def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> 
     if path.is_dir() or not path.parent.is_dir():
         raise Refused(f"{path.name}: its folder does not exist, or it is a folder itself", field="path")
     if path.exists() and path != own and not replace:
-        raise Refused(f"{path.name} is there already", field="replace")
-    if path.exists() and not path.stat().st_mode & 0o222:
+        raise Refused(f"{path.name} exists already", field="replace")
+    if path.exists() and not path.stat().st_mode & 0o222:  # nobody has the permission to write it
         raise Refused(f"{path.name} may only be read: choose another name", field="path")
     if path == own and not replace and has_changed(path, known):
-        raise Refused(f"{path.name} has been changed by someone else since it was opened", field="replace")
+        raise Refused(f"{path.name} has been changed by another program since it was opened", field="replace")
     try:
         write_text(path, text)
     except OSError as error:
@@ -133,22 +133,22 @@ def import_file(text: str) -> tuple[str, list[str]]:
     with temporary_file(text, "model", ".xml") as model:
         try:
             with Worker() as worker:
-                linkage = answer_in_worker(worker, imports.import_file, (model, "imported", []), READING, "the model")
+                linkage = answer_in_worker(worker, imports.import_file, (model, "imported"), READING, "the model")
         except (ExchangeError, MissingExtra) as error:
             raise Refused(str(error).replace(f"{model}: ", "")) from error
         return str(linkage["text"]).replace(str(model), "model.xml"), [str(x) for x in linkage["left_out"]]
 
 
-def fragment(text: str) -> str:
+def pack_fragment(text: str) -> str:
     """Return a text in compressed form, in characters that a URL may contain."""
     packed = zlib.compress(text.encode("utf-8"), 9)
     return base64.urlsafe_b64encode(packed).decode("ascii").rstrip("=")
 
 
-def unpack_fragment(given: str) -> str:
-    """Return the text that `fragment` has compressed."""
+def unpack_fragment(fragment: str) -> str:
+    """Return the text that `pack_fragment` has compressed; refuse a fragment that is damaged or too long."""
     try:
-        padded = given + "=" * (-len(given) % 4)  # base64 has groups of four characters
+        padded = fragment + "=" * (-len(fragment) % 4)  # base64 has groups of four characters
         packed = base64.b64decode(padded, altchars=b"-_", validate=True)
         unpacking = zlib.decompressobj()
         text = unpacking.decompress(packed, MAX_BYTES + 1).decode("utf-8")

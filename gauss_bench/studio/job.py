@@ -22,13 +22,16 @@ MOST = 3000  # largest number of poses of a motion that are sent
 
 
 def release(request: Mapping[str, Any], send: Send) -> None:
-    """Simulate the scenario "released" of a file in one engine after the other."""
+    """Simulate the scenario "released" of a file in one engine after the other.
+
+    Send an event "release" with the poses for each engine, and an event "compared" for each motion after the first.
+    """
     # imported here, because these modules take long to load
     from gauss_bench.api.simulate import simulate
     from gauss_bench.mechanism.coordinates import motion_of_links
     from gauss_bench.studio.motion import pose_motion
 
-    first = None
+    first = None  # times, positions of the links and mechanism of the first motion
     for engine in request["engines"]:
         send({"event": "progress", "text": f"{engine} runs"})
         event: dict[str, Any] = {"event": "release", "engine": engine, "times": [], "poses": {}}
@@ -40,17 +43,17 @@ def release(request: Mapping[str, Any], send: Send) -> None:
             continue
         event |= {"verdict": str(result.status), "reason": result.message, "advice": result.advice, "step": result.step}
         event |= {"trusted_until": result.trusted_until}
-        x = result.trajectory
-        if x is None or not len(x.t):
+        trajectory = result.trajectory
+        if trajectory is None or not len(trajectory.t):
             send(event)
             continue
-        chosen = choose_frames(x.t)
-        send(event | {"times": x.t[chosen], "poses": pose_motion(result.model, x.q[chosen])})
-        links = motion_of_links(result.model, x).q
+        frames = choose_frames(trajectory.t)
+        send(event | {"times": trajectory.t[frames], "poses": pose_motion(result.model, trajectory.q[frames])})
+        links = motion_of_links(result.model, trajectory)
         if first is None:
-            first = x.t, links, result.model.whole
+            first = links.t, links.q, result.model.whole
         else:
-            send({"event": "compared", "compare": compare(engine, *first, x.t, links)})
+            send({"event": "compared", "compare": compare(engine, *first, links.t, links.q)})
 
 
 def choose_frames(t: Any) -> Any:
@@ -59,36 +62,36 @@ def choose_frames(t: Any) -> Any:
     Args:
         t: (k,) times of all samples [s].
     """
-    interval = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+    interval = float(np.median(np.diff(t))) if len(t) > 1 else 1.0  # [s] between two samples
     every = max(1, round(1 / FRAMES / max(interval, 1e-9)), len(t) // MOST + 1)
     return np.unique(np.append(np.arange(0, len(t), every), len(t) - 1))
 
 
-def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -> dict[str, Any]:
-    """Return the distance between two motions over time [m], its maximum, and the link that is farthest apart.
+def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other_q: Any) -> dict[str, Any]:
+    """Return the largest distance [m] between the same links in two motions, over time, with its maximum and the link there.
 
     Args:
         t, q: times (k,) and positions (k, n) of the links in the first motion.
         whole: the mechanism in which every link of the file is a body of its own.
-        other_t, other: times (j,) and positions (j, n) of the links in the second motion.
+        other_t, other_q: times (j,) and positions (j, n) of the links in the second motion.
     """
-    times = t[t <= other_t[-1] + 1e-12]
+    times = t[t <= other_t[-1] + 1e-12]  # those of the first motion until the second ends
     rows = np.clip(np.searchsorted(other_t, times - 1e-9), 0, len(other_t) - 1)  # samples of the second motion at these times
-    gaps = (q[: len(times)] - other[rows]).reshape(len(times), -1, 3)[..., :2]  # (times, links, x and y)
-    lengths = np.hypot(gaps[..., 0], gaps[..., 1])
-    apart = lengths.max(axis=1)
+    gaps = (q[: len(times)] - other_q[rows]).reshape(len(times), -1, 3)[..., :2]  # (times, links, x and y)
+    distances = np.hypot(gaps[..., 0], gaps[..., 1])  # (times, links) [m]
+    apart = distances.max(axis=1)
     k, every = int(apart.argmax()), max(1, len(times) // 500)  # the curve has about 500 points
     return {
         "engine": engine,
         "worst_apart": float(apart[k]),
         "at": float(times[k]),
-        "point": f"centre of {whole.links[int(lengths[k].argmax())].name}",
+        "point": f"centre of {whole.links[int(distances[k].argmax())].name}",
         "curve": {"times": times[::every], "apart": apart[::every]},
     }
 
 
 def recommend(request: Mapping[str, Any], send: Send) -> None:
-    """Search for each engine's cheapest setting that reaches an accuracy; send each answer when found, and all at the end."""
+    """Search for each engine's cheapest setting that reaches an accuracy; send each answer when it is found, and all at the end."""
     from dataclasses import asdict
 
     from gauss_bench.advice.answer import Answer
@@ -97,7 +100,7 @@ def recommend(request: Mapping[str, Any], send: Send) -> None:
     from gauss_bench.api.recommend import setting_of
 
     def as_shown(x: Answer) -> dict[str, Any]:
-        """Return the answer for one engine as the page shows it: the setting in words, and only the first of the errors."""
+        """Return the answer for one engine as the page shows it: with the setting in words, and with the first of its errors."""
         setting = setting_of(x) if x.step is not None or x.tolerance is not None else ""
         return asdict(x) | {"setting": setting, "error": next(iter(x.errors.values()), None)}
 
@@ -120,11 +123,12 @@ def recommend(request: Mapping[str, Any], send: Send) -> None:
     send({"event": "recommend", "answers": [as_shown(x) for x in recommendation.answers], "advice": recommendation.advice})
 
 
+# key "work" of a request -> function that carries it out
 WORK: dict[str, Callable[[Mapping[str, Any], Send], None]] = {"release": release, "recommend": recommend}
 
 
 def _end_with_the_studio() -> None:
-    """Wait for standard input to close, then kill this process and all that it has started."""
+    """Wait for standard input to close, then kill this process and all processes that it has started."""
     with contextlib.suppress(OSError, ValueError):
         while os.read(0, 1):
             pass
@@ -133,7 +137,7 @@ def _end_with_the_studio() -> None:
 
 
 def main() -> None:
-    """Read one request and carry it out."""
+    """Read one request, carry it out, and send an event "done", or "failed" with the reason."""
     from gauss_bench.api.telling import plain
 
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")

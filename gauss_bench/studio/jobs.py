@@ -20,7 +20,7 @@ GRACE = 2.0  # [s] longest wait for the end of a stopped job
 
 
 class Jobs:
-    """The jobs that run.
+    """The running jobs.
 
     Attributes:
         tell: function that sends an event to all pages.
@@ -55,7 +55,7 @@ class Jobs:
     def _follow(self, job: int, text: str, request: dict[str, Any], done: str) -> None:
         """Send the events of a job as they arrive, then the event `done` with comparisons, or with the reason why it failed."""
         process = self.running[job]
-        # the error stays if no event of the job changes or removes it
+        # the event after the job has ended; its error stays unless an event of the job changes or removes it
         last: dict[str, Any] = {"event": done, "job": job, "error": "it was stopped"}
         assert process.stdin is not None
         assert process.stdout is not None
@@ -70,7 +70,7 @@ class Jobs:
                         case "failed":
                             last["error"] = event["text"].replace(f"{path}: ", "")
                         case "compared":
-                            last.setdefault("compare", event["compare"])
+                            last.setdefault("compare", event["compare"])  # the first comparison
                             last.setdefault("compared", []).append(event["compare"])
                         case "done":
                             del last["error"]

@@ -25,7 +25,7 @@ class Refused(ValueError):
 
 
 def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
-    """Return a value of a message, or `otherwise` if it is missing; None makes the value required."""
+    """Return the value of type `kind` at a key of a message. A missing key gives `otherwise`, and is refused if that is None."""
     value = message.get(key, otherwise)
     if value is None and otherwise is None:
         raise Refused(f"{key} is missing", field=key)
@@ -35,7 +35,7 @@ def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> A
 
 
 def number(message: Message, key: str, otherwise: float | None = None) -> float:
-    """Return the number at a key of a message, or `otherwise` if the message lacks the key."""
+    """Return the finite number at a key of a message. A missing key gives `otherwise`, and is refused if that is None."""
     x = message.get(key, otherwise)
     if not isinstance(x, (int, float)) or isinstance(x, bool) or not math.isfinite(x):
         raise Refused(f"{key} must be a finite number", field=key)
@@ -43,7 +43,7 @@ def number(message: Message, key: str, otherwise: float | None = None) -> float:
 
 
 def place(x: Any, field: str = "at") -> complex:
-    """Return the point that a message gives as [x, y], as x + i y [m]."""
+    """Return x + i y [m] for a point that a message gives as [x, y]; `field` is the key that a refusal names."""
     is_pair = isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and not isinstance(y, bool) for y in x)
     if not is_pair or not all(abs(y) <= FARTHEST for y in x):
         raise Refused(f"a place is two numbers, each of at most {FARTHEST:g} m", field=field)

@@ -21,7 +21,7 @@ from gauss_bench.studio.edits.drawing import Drawing
 from gauss_bench.studio.edits.scenarios import DRIVEN, drive
 from gauss_bench.studio.messages import Message, Refused
 from gauss_bench.studio.reading import Reading, poses
-from gauss_bench.studio.scene import drivers_possible
+from gauss_bench.studio.scene import find_drivable
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
@@ -41,16 +41,16 @@ def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
     if not isinstance(scenario, (str, type(None))):
         raise Refused("a scenario is given by its name", field="scenario")
     if scenario is None and not any(is_driven(x) for _, x in items(document, "scenarios")):
-        possible = drivers_possible(reading)
+        possible = find_drivable(reading)
         if not possible:
             raise Refused("nothing can be driven yet: draw a link that is pinned to the ground, or a slide")
-        d = Drawing(document | {"scenarios": {}}, reading)
+        d = Drawing(document | {"scenarios": {}}, reading)  # a copy, which gets the scenario "driven" alone
         drive(d, {"coordinate": possible[0]["name"]})
         text, scenario = write_document(text, d.document), DRIVEN
     with temporary_file(text, document.get("name")) as path:
         mechanism = load_with_drivers(str(path), scenario, None)
     if free := free_at_start(mechanism):
-        raise Refused(f"the drivers leave {len(free)} free ({', '.join(free)}): drive them too, or hold them")
+        raise Refused(f"the drivers leave {len(free)} coordinates free ({', '.join(free)}): drive them too, or hold them")
     return mechanism
 
 
@@ -62,38 +62,38 @@ def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Traj
     """
     count = message.get("samples", SAMPLES)
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST:
-        raise Refused(f"samples is a whole number from 1 to {MOST}", field="samples")
+        raise Refused(f"samples must be a whole number from 1 to {MOST}", field="samples")
     mechanism = load_driven(text, reading, message.get("scenario"))
     states, _, stopped = move_by_drivers(mechanism, np.linspace(0.0, mechanism.duration, count + 1))
     return mechanism, states, stopped or None
 
 
-def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
+def describe_motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
     """Return the driven mechanism, and the reply that describes its motion.
 
-    Singular positions are not in it: they come later, as an event.
+    The reply has no singular positions, because finding them takes long: an event brings them later.
 
     Raises:
         Refused, LinkageError, ChoiceError: the drawing cannot be moved.
     """
-    mechanism, x, stopped = move(text, reading, message)
-    links, first = motion_of_links(mechanism, x), mechanism.drivers[0]
+    mechanism, trajectory, stopped = move(text, reading, message)
+    links, first, t = motion_of_links(mechanism, trajectory), mechanism.drivers[0], trajectory.t
     q, v, a, points = links.q, links.v, links.a, mechanism.whole.observed_points
     reply = {
         "scenario": mechanism.scenario,
-        "times": x.t,
-        "poses": pose_motion(mechanism, x.q),
+        "times": t,
+        "poses": pose_motion(mechanism, trajectory.q),
         "points": {p.name: {"p": position(q, p), "v": velocity(q, v, p), "a": acceleration(q, v, a, p)} for p in points},
         "input": {
             "name": first.name,
             "unit": "rad" if isinstance(first, AngleDriver) else "m",
-            "values": np.broadcast_to(first.law(x.t)[0], x.t.shape),
+            "values": np.broadcast_to(first.law(t)[0], t.shape),
         },
-        "transmission": [{"name": c.of, "values": c.values} for c in transmission(mechanism, x.q)],
+        "transmission": [{"name": c.of, "values": c.values} for c in transmission(mechanism, trajectory.q)],
         "limits": stopped,
         "note": None,
     }
-    return mechanism, reply | forces(mechanism, x) | ratios(mechanism, x.q)
+    return mechanism, reply | describe_forces(mechanism, trajectory) | describe_ratios(mechanism, trajectory.q)
 
 
 def pose_motion(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
@@ -102,14 +102,17 @@ def pose_motion(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
     return {link.name: [x[link.name] for x in at_states] for link in mechanism.whole.links}
 
 
-def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
-    """Return the part of the reply with the force or torque of the first driver, and forces and moments in pins and slides."""
+def describe_forces(mechanism: Mechanism, trajectory: Trajectory) -> dict[str, Any]:
+    """Return the part of the reply with the force or torque of the first driver, and forces and moments in pins and slides.
+
+    They are None and empty if the trajectory has no samples or the forces cannot be computed.
+    """
     unknown: dict[str, Any] = {"torque": None, "pins": []}
-    if not len(x.t):
+    if not len(trajectory.t):
         return unknown
     evaluator = Evaluator(mechanism)
     try:
-        driving, loads = metrics.driving_forces(evaluator, x), metrics.joint_forces(evaluator, x)
+        driving, loads = metrics.driving_forces(evaluator, trajectory), metrics.joint_forces(evaluator, trajectory)
     except (ArithmeticError, np.linalg.LinAlgError, ValueError):
         return unknown
     first = mechanism.drivers[0]
@@ -118,7 +121,7 @@ def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
     return {"torque": torque, "pins": pins}
 
 
-def ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
+def describe_ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
     """Return the part of the reply on velocity ratios and mechanical advantages at states q (k, n).
 
     The list is empty unless the linkage has one degree of freedom.
@@ -131,7 +134,7 @@ def ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
 
 
 @np.errstate(all="ignore")  # `answer` sets this for its own thread only, and the search runs in another thread
-def singular(mechanism: Mechanism, ended: Event | None = None) -> tuple[list[dict[str, Any]], str]:
+def find_singular(mechanism: Mechanism, ended: Event) -> tuple[list[dict[str, Any]], str]:
     """Return limits of motion and dead centres with their poses, and the reason if they cannot be listed, else "".
 
     Another thread sets `ended` to end the search.
@@ -144,11 +147,11 @@ def singular(mechanism: Mechanism, ended: Event | None = None) -> tuple[list[dic
     return [{key: getattr(x, key) for key in keys} | {"poses": poses(mechanism, x.q)} for x in positions], ""
 
 
-def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
+def instant_centres(reading: Reading, pose_of: Any) -> list[dict[str, Any]]:
     """Return the instant centre of every pair of links.
 
     Args:
-        given: the poses {link: [x, y, theta]} that the page gives; None for the poses in which the links are drawn.
+        pose_of: the poses {link: [x, y, theta]} that the page sent; None for the poses in which the links are drawn.
 
     Raises:
         Refused: nothing is drawn, a link has no valid pose, or the linkage has no free motion there, or more than one.
@@ -156,7 +159,7 @@ def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
     mechanism = reading.mechanism
     if mechanism is None:
         raise Refused("nothing is drawn yet")
-    q = reading.q if given is None else state_of(reading, given)
+    q = reading.q if pose_of is None else read_positions(reading, pose_of)
     try:
         pairs = centres(mechanism, q)
     except ValueError as error:
@@ -164,35 +167,35 @@ def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
     return [{"links": [mechanism.link_name(k) for k in x.links], "at": x.at, "along": x.along} for x in pairs]
 
 
-def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
+def centres_along(reading: Reading, poses_of: Any) -> list[dict[str, Any]]:
     """Return the instant centre of every pair of links along a motion, with None at poses that have no centres.
 
     Args:
-        given: the motion {link: [[x, y, theta], ...]} that the page gives.
+        poses_of: the motion {link: [[x, y, theta], ...]} that the page sent.
     """
-    lists = [*given.values()] if isinstance(given, dict) else []
+    lists = [*poses_of.values()] if isinstance(poses_of, dict) else []
     if not lists or not all(isinstance(x, list) and 0 < len(x) == len(lists[0]) <= MOST for x in lists):
         raise Refused(f"a motion is a list of poses for each link, all of one length, at most {MOST}", field="along")
-    found: list[list[dict[str, Any]]] = []
+    at_poses: list[list[dict[str, Any]]] = []  # the centres at every pose
     for k in range(len(lists[0])):
         try:
-            found.append(instant_centres(reading, {name: x[k] for name, x in given.items()}))
+            at_poses.append(instant_centres(reading, {link: poses[k] for link, poses in poses_of.items()}))
         except Refused:
-            if not any(found) and k == len(lists[0]) - 1:  # no pose had instant centres: refuse, with the reason of the last pose
+            if not any(at_poses) and k == len(lists[0]) - 1:  # no pose had centres: refuse, with the reason of the last pose
                 raise
-            found.append([])  # at a fork of the motion there are several free motions
-    pairs = [x["links"] for x in next(filter(None, found))]
-    return [{"links": links, "at": [x[i]["at"] if x else None for x in found]} for i, links in enumerate(pairs)]
+            at_poses.append([])  # a fork of the motion has several free motions, and no centres
+    pairs = [x["links"] for x in next(filter(None, at_poses))]
+    return [{"links": links, "at": [x[i]["at"] if x else None for x in at_poses]} for i, links in enumerate(pairs)]
 
 
-def state_of(reading: Reading, given: Any) -> Array:
-    """Return the positions q (n,) that belong to poses {link: [x, y, theta]} given by the page.
+def read_positions(reading: Reading, pose_of: Any) -> Array:
+    """Return the positions q (n,) that belong to poses {link: [x, y, theta]} from the page; refuse poses that lack a link.
 
     A pose has the origin of a link's frame, q its centre of mass.
     """
     mechanism, q = reading.mechanism, list[float]()
     for link in mechanism.links if mechanism else ():
-        pose = given.get(link.name) if isinstance(given, dict) else None
+        pose = pose_of.get(link.name) if isinstance(pose_of, dict) else None
         if not isinstance(pose, list) or len(pose) != 3 or not all(isinstance(x, (int, float)) for x in pose):
             raise Refused(f"the pose of {link.name} is missing", (f"links.{link.name}",), "at")
         x, y, theta = map(float, pose)

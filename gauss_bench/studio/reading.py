@@ -35,7 +35,7 @@ ROUNDS = 200  # largest number of rounds in which faulty parts are removed
 MASS, INERTIA = 1.0, 1e-3  # [kg], [kg m^2] of a link whose table gives none, so that it can be shown
 STILL = {"drawn": {"duration": 1.0}}  # a scenario without drivers, forces or prescribed coordinates
 LEFT_OUT = ("expect", "measure", "observe", "crank")  # keys that place no link
-TRIED = 6  # largest number of scenarios that are assembled
+TRIED = 6  # largest number of scenarios that are assembled, because each takes time
 CLOSED = 1e-9  # [m] largest gap of a pin that counts as closed
 
 
@@ -99,7 +99,7 @@ class Reading:
         return {} if self.mechanism is None else poses(self.mechanism, q)
 
 
-def of_links(mechanism: Mechanism, q: Array) -> Array:
+def positions_of_links(mechanism: Mechanism, q: Array) -> Array:
     """Return the positions of all links of the file at positions q (..., n) of the mechanism's bodies."""
     if not mechanism.parts:  # nothing is welded: every link is a body
         return q
@@ -110,7 +110,7 @@ def of_links(mechanism: Mechanism, q: Array) -> Array:
 def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:
     """Return link of the file -> [x, y, theta] of the link's own frame in the world, at positions q (n,)."""
     by_link = {}
-    for link, (x, y, theta) in zip(mechanism.whole.links, of_links(mechanism, q).reshape(-1, 3).tolist(), strict=True):
+    for link, (x, y, theta) in zip(mechanism.whole.links, positions_of_links(mechanism, q).reshape(-1, 3).tolist(), strict=True):
         origin = complex(x, y) - rect(1.0, theta) * complex(*link.com)
         by_link[link.name] = [origin.real, origin.imag, theta]
     return by_link
@@ -118,7 +118,10 @@ def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:
 
 @np.errstate(all="ignore")
 def read(document: Document, starts: bool = True) -> Reading:
-    """Read a document, which may be faulty; `starts`: test if scenarios assemble, which takes most of the time."""
+    """Read a document, which may be faulty.
+
+    With `starts`, also test whether each scenario can be assembled at its start, which takes most of the time.
+    """
     problems: list[Problem] = []
 
     def report(level: str, text: str, *where: str) -> None:
@@ -126,13 +129,12 @@ def read(document: Document, starts: bool = True) -> Reading:
         problems.append(Problem(level, text, where))
 
     faults = faults_of(document)
-    rest = {"name": "drawing"} | copy.deepcopy(
-        {key: x for key, x in document.items() if key not in LEFT_OUT} | {"scenarios": STILL}
-    )
+    placing = {key: x for key, x in document.items() if key not in LEFT_OUT}
+    rest = copy.deepcopy({"name": "drawing"} | placing | {"scenarios": STILL})
     for name in lone_pins(document):
         del rest["assembly"]["sketch"][name]
-    mechanism, more = _build(rest)
-    for fault in (*faults, *(f for f in more if f not in faults)):
+    mechanism, faults_of_build = _build(rest)
+    for fault in (*faults, *(x for x in faults_of_build if x not in faults)):
         report("error", str(fault), *find_part(document, fault.path))
     if mechanism is None and not problems:
         report("hint", "nothing is drawn yet: draw a bar between two places to begin")
@@ -149,12 +151,12 @@ def read(document: Document, starts: bool = True) -> Reading:
     except AssemblyError:
         problems.append(_describe_gap(mechanism, q))
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        report("error", f"its numbers cannot be computed with: {in_a_sentence(error)}")
+        report("error", f"the numbers of the file cannot be computed with: {in_a_sentence(error)}")
     reading = Reading(document, rest, mechanism, q, closed, unplaced)
     for name in map(mechanism.link_name, loose_links(mechanism)):
-        report("warning", f"{name} hangs on nothing: no joints lead from it to the ground", f"links.{name}")
+        report("warning", f"{name} is loose: no joints lead from it to the ground", f"links.{name}")
     if closed and reading.rank == mechanism.n:
-        report("hint", "nothing can move: the links hold each other fast, with no degree of freedom")
+        report("hint", "nothing can move: the linkage has no degree of freedom")
     if starts and not any(x.level == "error" for x in problems):
         problems += _check_scenarios(document)
     order = ("error", "warning", "hint")
@@ -162,7 +164,7 @@ def read(document: Document, starts: bool = True) -> Reading:
 
 
 def find_part(document: Document, path: str) -> tuple[str, ...]:
-    """Return a tuple with the id of the part of the drawing to which a path in the file belongs; empty if there is none."""
+    """Return (id,) of the part of the drawing to which a path of keys in the file belongs; () if it belongs to none."""
     parts = path.split(".")
     if len(parts) < 2:
         return ()
@@ -183,7 +185,7 @@ def find_part(document: Document, path: str) -> tuple[str, ...]:
 def lone_pins(document: Document) -> dict[str, list[float]]:
     """Return name -> [x, y] of the pins that join nothing.
 
-    They are the entries of the sketch that name neither a joint or cylinder nor a point "LINK.POINT".
+    They are the entries of `assembly.sketch` whose key is no joint, no cylinder and no point "LINK.POINT".
     """
     named = {*table(document, "joints"), *table(document, "cylinders")}
     sketch = table(table(document, "assembly"), "sketch")
@@ -196,7 +198,7 @@ def is_place(x: Any) -> bool:
 
 
 def faults_of(document: Document) -> list[Fault]:
-    """Return the faults of a document, without those that only mean that the drawing is unfinished."""
+    """Return the faults of a document, except pins that join nothing, and missing links or scenarios: these are only unfinished."""
     unfinished = {f"assembly.sketch.{name}" for name in lone_pins(document)}
     unfinished |= {group for group in ("links", "scenarios") if not table(document, group)}
     return [x for x in document_faults(document) if x.path not in unfinished]
@@ -211,30 +213,29 @@ def new_faults(before: Document, after: Document) -> list[Fault]:
 def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
     """Remove faulty parts from a document until the rest can be built.
 
-    Return the mechanism, or None if nothing is left, and the faults that the checks of the document do not find, and that appear
-    only when the mechanism is built.
+    Return the mechanism, or None if nothing is left, and the faults that appear only when the mechanism is built.
     """
-    found: list[Fault] = []
+    faults_of_build: list[Fault] = []
     for _ in range(ROUNDS):
         if not table(document, "links"):
             break
         faults = document_faults(document)
         if not faults:
             try:
-                return build_mechanism(document, "drawn", "", ""), found
+                return build_mechanism(document, "drawn", "", ""), faults_of_build
             except BuildError as error:
                 faults = [error.fault]
-                found += faults
+                faults_of_build += faults
             except (ArithmeticError, ValueError, KeyError, TypeError, np.linalg.LinAlgError) as error:
-                found.append(Fault("", f"its numbers cannot be computed with: {in_a_sentence(error)}"))
+                faults_of_build.append(Fault("", f"the numbers of the file cannot be computed with: {in_a_sentence(error)}"))
                 break
         for fault in faults:
             leave_out(document, fault)
-    return None, found
+    return None, faults_of_build
 
 
 def leave_out(document: Document, fault: Fault) -> None:
-    """Remove the part of a document that a fault names. Missing masses, and a faulty format or name, get a default value."""
+    """Remove the part of a document that a fault names; a missing mass or inertia, a faulty format or name gets a default."""
     keys = split_path(fault.path)
     match keys:
         case ["links", str(name), "mass" | "inertia" as lacking] if isinstance(table(document, "links").get(name), dict):
@@ -249,23 +250,24 @@ def leave_out(document: Document, fault: Fault) -> None:
             document["name"] = "drawing"
             return
     # follow the path as far as the document has it, and delete the innermost entry that was found
-    holder: Any = None
-    last: Any = None
+    holder: Any = None  # the table or list that has the entry
+    last_key: Any = None
     entry: Any = document
     for key in keys:
         in_table = isinstance(entry, dict) and key in entry
         in_list = isinstance(entry, list) and isinstance(key, int) and key < len(entry)
         if not (in_table or in_list):
             break
-        holder, last, entry = entry, key, entry[key]
+        holder, last_key, entry = entry, key, entry[key]
     if holder is not None:
-        del holder[last]
+        del holder[last_key]
 
 
 def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
     """Return the positions q (n,) of the links in the sketch, and the names of the links that the sketch does not place.
 
-    Such a link gets the angle 0. It is placed by the place of one of its points in the sketch, else with its frame at the origin.
+    A link of the second kind gets the angle 0. Its position follows from one of its points in the sketch; without such a point its
+    frame lies at the origin.
     """
     unplaced: list[str] = []
     document = copy.deepcopy(document)
@@ -291,7 +293,7 @@ def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple
 
 
 def _describe_gap(mechanism: Mechanism, q: Array) -> Problem:
-    """Return the problem that describes why a drawing does not assemble at q (n,): the open loop, else the largest gap."""
+    """Return the problem that describes why a drawing does not assemble at q (n,): its open loop, or else the pin that is open."""
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
         loop = find_open_loop(replace(mechanism, q0=q, v0=0 * q))
         if loop is not None:
@@ -307,7 +309,7 @@ def _describe_gap(mechanism: Mechanism, q: Array) -> Problem:
 
 
 def _check_scenarios(document: Document) -> Iterator[Problem]:
-    """Yield a problem for each scenario that cannot be assembled, and for each warning of the loader."""
+    """Yield a problem for each of the first TRIED scenarios that cannot be assembled, and for each warning of the loader."""
     reported: set[str] = set()
     for name, _ in [*items(document, "scenarios")][:TRIED]:
         try:

@@ -31,16 +31,16 @@ Reply = dict[str, Any]
 APART = ("drawing", "motion", "centres", "stop", "import", "export", "view")
 
 
-def in_folder(session: Session, message: Message) -> Reply:
+def list_folder(session: Session, message: Message) -> Reply:
     """Return the names of the folder's linkage files, and of those with unsaved changes that have been kept."""
-    here = files.list_files(session.folder)
-    return {"files": here, "kept": [name for name in here if Autosave(str(session.folder / name)).find_left()]}
+    names = files.list_files(session.folder)
+    return {"files": names, "kept": [name for name in names if Autosave(str(session.folder / name)).find_unsaved()]}
 
 
-def recovered(session: Session) -> dict[str, str] | None:
-    """Return the unsaved text of this document that a process left when it ended, or None."""
-    left = session.autosave.find_left()
-    return None if left is None else {"text": left.text}
+def find_recoverable(session: Session) -> dict[str, str] | None:
+    """Return {"text": ...} with the unsaved text of this document that a process kept before it ended; None if there is none."""
+    unsaved = session.autosave.find_unsaved()
+    return None if unsaved is None else {"text": unsaved.text}
 
 
 def hello(session: Session, message: Message) -> Reply:
@@ -50,25 +50,25 @@ def hello(session: Session, message: Message) -> Reply:
         "templates": files.list_templates(),
         "linkages": [*built_in()],
         "folder": session.folder.name,
-        "engines": dynamics.engines_here(),
-        "recovered": recovered(session),
+        "engines": dynamics.list_engines(),
+        "recovered": find_recoverable(session),
         "scene": session.scene(),
-    } | in_folder(session, message)
+    } | list_folder(session, message)
 
 
 def open_template(session: Session, message: Message) -> None:
     """Open a template."""
-    session.open(files.template(value_of(message, "name", str)).read_text(encoding="utf-8"), is_template=True)
+    session.open(files.find_template(value_of(message, "name", str)).read_text(encoding="utf-8"), is_template=True)
 
 
 def drag_begin(session: Session, message: Message) -> Reply:
-    """Begin to drag a pin or point."""
+    """Begin to drag a pin or point; return the poses of the links at the beginning."""
     session.drag = dragging.begin_drag(session.reading, session.locks, message)
     return {"poses": session.reading.poses(session.drag.q)}
 
 
 def open_file(session: Session, message: Message) -> Reply:
-    """Open a drawing: the text of a linkage file, a text that is encoded in a URL, a file of the folder, or a template."""
+    """Open the drawing that a message gives by `text` (of a linkage file), `fragment` (of a URL), or `name` (file or template)."""
     if "text" in message:
         session.open(value_of(message, "text", str))
     elif "fragment" in message:
@@ -76,13 +76,13 @@ def open_file(session: Session, message: Message) -> Reply:
     else:
         text, path = files.open_document(session.folder, value_of(message, "name", str))
         session.open(text, path, is_template=path is None)
-    return {"recovered": recovered(session), "scene": session.scene()}
+    return {"recovered": find_recoverable(session), "scene": session.scene()}
 
 
 def save(session: Session, message: Message) -> Reply:
     """Save the drawing to a file, whose name becomes the name of the linkage."""
     name = value_of(message, "path", str, session.path.name if session.path else f"{session.scene()['name']}.toml")
-    path = files.inside(session.folder, name if name.endswith(".toml") else f"{name}.toml")
+    path = files.resolve_inside(session.folder, name if name.endswith(".toml") else f"{name}.toml")
     if not NAME.fullmatch(path.stem):
         raise Refused("the name of a linkage, and of its file, has letters, digits and underscores", field="path")
     content = write_document(session.text, session.document | {"name": path.stem})
@@ -100,13 +100,13 @@ def import_model(session: Session, message: Message) -> Reply:
 
 
 def recover(session: Session, message: Message) -> None:
-    """Restore the unsaved changes of this document that a process left when it ended; with `take` false, discard them."""
-    left = session.autosave.find_left()
-    if left is not None:
+    """Restore the unsaved changes of this document that a process kept before it ended; with `take` false, discard them."""
+    unsaved = session.autosave.find_unsaved()
+    if unsaved is not None:
         if message.get("take", True):
-            session.put(left.text, frozenset(left.locks))
-            session.lay(left.picture)
-        forget(left.file)
+            session.replace(unsaved.text, frozenset(unsaved.locks))
+            session.set_picture(unsaved.picture)
+        forget(unsaved.file)
 
 
 def make_edit(session: Session, message: Message) -> Reply:
@@ -120,7 +120,7 @@ def make_edit(session: Session, message: Message) -> Reply:
     before = session.text
     made = steps.edit(session, {k: x for k, x in message.items() if k != "continues"})
     if message.get("continues") is True and session.text != before:
-        session.join()
+        session.merge_steps()
     return {"made": made, "scene": session.scene()}
 
 
@@ -143,23 +143,23 @@ def drag_end(session: Session, message: Message) -> None:
 
 
 def behind(session: Session, message: Message) -> Reply:
-    """Return the id and the URL, with all data, of the picture behind the grid; a scene has only the id."""
+    """Return id and data URL of the picture behind the grid, or None for both; a scene has only the id."""
     picture = session.picture
     return {"picture": picture and picture.id, "url": picture and picture.url}
 
 
 def branches(session: Session, message: Message) -> Reply:
     """Return name and poses of all assemblies with the present angles of the input links."""
-    found = enumerate(dragging.find_branches(session.reading))
-    return {"branches": [{"name": f"branch {k}" if k else "as drawn", "poses": session.reading.poses(q)} for k, q in found]}
+    numbered = enumerate(dragging.find_branches(session.reading))  # number 0 is the drawn one
+    return {"branches": [{"name": f"branch {k}" if k else "as drawn", "poses": session.reading.poses(q)} for k, q in numbered]}
 
 
 def branch(session: Session, message: Message) -> None:
     """Redraw the linkage in the assembly with the number `index` in the list of `branches`."""
-    index, found = message.get("index"), dragging.find_branches(session.reading)
-    if not isinstance(index, int) or not 0 <= index < len(found):
+    index, assemblies = message.get("index"), dragging.find_branches(session.reading)
+    if not isinstance(index, int) or not 0 <= index < len(assemblies):
         raise Refused("there is no such branch", field="index")
-    steps.redraw(session, found[index])
+    steps.redraw(session, assemblies[index])
 
 
 def read_locked(session: Session) -> tuple[str, Reading]:
@@ -174,7 +174,7 @@ def read_locked(session: Session) -> tuple[str, Reading]:
 def move_by_law(session: Session, message: Message) -> Reply:
     """Return the motion at once, and send its singular positions later in an event, because finding them takes seconds."""
     text, reading = read_locked(session)
-    mechanism, reply = motion.motion(text, reading, message)
+    mechanism, reply = motion.describe_motion(text, reading, message)
     session.motions += 1
     job = -session.motions  # jobs that are processes, which `stop` can end, have positive numbers
 
@@ -183,7 +183,7 @@ def move_by_law(session: Session, message: Message) -> Reply:
         if session.text != text or session.ended.is_set():  # the drawing has changed meanwhile, or nobody waits
             return
         try:
-            positions, reason = motion.singular(mechanism, session.ended)
+            positions, reason = motion.find_singular(mechanism, session.ended)
         except Exception as error:
             positions, reason = [], in_a_sentence(error)
         session.tell({"event": "singular", "job": job, "singular": positions, "note": reason or None})
@@ -193,7 +193,7 @@ def move_by_law(session: Session, message: Message) -> Reply:
 
 
 def centres(session: Session, message: Message) -> Reply:
-    """Return instant centres at one position or along a motion."""
+    """Return the instant centres at one position (`at` of the message, or as drawn), or along a motion (`along`)."""
     _, reading = read_locked(session)
     if "along" in message:
         return {"centres": motion.centres_along(reading, message["along"])}
@@ -201,7 +201,7 @@ def centres(session: Session, message: Message) -> Reply:
 
 
 def stop(session: Session, message: Message) -> Reply:
-    """Stop a job."""
+    """Stop the job with the number `job`."""
     session.jobs.stop(value_of(message, "job", int))
     return {}
 
@@ -209,7 +209,7 @@ def stop(session: Session, message: Message) -> Reply:
 # a function that returns None gets the scene as its reply
 VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {
     "hello": hello,
-    "files": in_folder,
+    "files": list_folder,
     "new": lambda session, _: session.open(EMPTY),
     "template": open_template,
     "drawing": lambda _, message: {"svg": files.draw_template(value_of(message, "name", str))},
@@ -221,10 +221,10 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {
     "import": import_model,
     "recover": recover,
     "export": lambda session, message: exports.export_drawing(*read_locked(session), message),
-    "share": lambda session, _: {"fragment": files.fragment(session.text)},
+    "share": lambda session, _: {"fragment": files.pack_fragment(session.text)},
     "view": lambda session, _: exports.share_view(*read_locked(session)),
     "lock": steps.lock,
-    "picture": steps.picture,
+    "picture": steps.set_picture,
     "behind": behind,
     "drag_begin": drag_begin,
     "drag": drag,
@@ -250,7 +250,7 @@ def answer(session: Session, message: Message) -> Reply:
         check_message(message)
         if not isinstance(verb, str) or verb not in VERBS:
             raise Refused(f"there is no verb {str(verb)[:40]!r}", field="do")
-        # verbs in APART take the lock themselves where they need it; a verb without a result is answered by the scene
+        # verbs in APART take the lock themselves where they need it
         with contextlib.nullcontext() if verb in APART else session.lock:
             result = VERBS[verb](session, message)
             reply = {"ok": True} | ({"scene": session.scene()} if result is None else result)
@@ -263,5 +263,7 @@ def answer(session: Session, message: Message) -> Reply:
     except Exception as fault:
         text = f"a fault of the studio, not of the drawing: {type(fault).__name__}: {in_a_sentence(fault)}"
         error |= {"text": text, "fault": True}
+    if "text" in error:
+        reply = {"ok": False, "error": error}
     has_id = isinstance(id, (int, str)) and not isinstance(id, bool)
-    return {"id": id if has_id else None} | ({"ok": False, "error": error} if "text" in error else reply)
+    return {"id": id if has_id else None} | reply

@@ -36,18 +36,18 @@ def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
         "title": _text(document, "title"),
         "gravity": document["gravity"] if is_place(document.get("gravity")) else [0.0, -9.81],
         "crank": _text(document, "crank") or None,
-        "ground": {"points": _ground(reading)},
-        "links": links(reading, locked),
-        "pins": pins(reading, locked),
-        "slides": slides(reading, locked),
-        "forces": forces(reading),
+        "ground": {"points": _ground_points(reading)},
+        "links": describe_links(reading, locked),
+        "pins": describe_pins(reading, locked),
+        "slides": describe_slides(reading, locked),
+        "forces": describe_forces(reading),
         "observe": [x for x in sequence(table(document, "observe"), "points") if isinstance(x, str)],
         "scenarios": [
             {"name": name, "kind": "driven" if is_driven(entry) else "free", "table": entry}
             for name, entry in items(document, "scenarios")
         ],
-        "drivers_possible": drivers_possible(reading),
-        "status": status(reading),
+        "drivers_possible": find_drivable(reading),
+        "status": describe_status(reading),
         "problems": [asdict(x) for x in reading.problems],
     }
 
@@ -58,8 +58,8 @@ def _text(document: Document, key: str) -> str:
     return value if isinstance(value, str) else ""
 
 
-def _ground(reading: Reading) -> dict[str, list[float]]:
-    """Return the places of the points of the ground, by name; without a mechanism, only those that the file gives as [x, y]."""
+def _ground_points(reading: Reading) -> dict[str, list[float]]:
+    """Return name -> [x, y] of the points of the ground; without a mechanism, only those that the file gives as two numbers."""
     if reading.mechanism is not None:
         return {name: x.tolist() for name, x in reading.mechanism.ground_points.items()}
     given = table(table(reading.document, "ground"), "points")
@@ -68,9 +68,9 @@ def _ground(reading: Reading) -> dict[str, list[float]]:
 
 def place_points(reading: Reading) -> dict[str, list[float]]:
     """Return LINK.POINT -> [x, y] in the world, for every point of the ground and of the links."""
-    places = {f"ground.{name}": x for name, x in _ground(reading).items()}
+    places = {f"ground.{name}": x for name, x in _ground_points(reading).items()}
     poses = reading.poses(reading.q)
-    for link in reading.mechanism.whole.links if reading.mechanism else ():
+    for link in reading.mechanism.whole.links if reading.mechanism else ():  # `whole`: every link of the file is a body of its own
         x, y, theta = poses[link.name]
         for name, point in link.points.items():
             at = complex(x, y) + rect(1.0, theta) * complex(*point)
@@ -78,12 +78,13 @@ def place_points(reading: Reading) -> dict[str, list[float]]:
     return places
 
 
-def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
+def describe_links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
     """Return the data of every link; `drawn` is false for the two parts of a cylinder, which have no table in the file."""
     poses, tables = reading.poses(reading.q), table(reading.document, "links")
     shown = []
     for link in reading.mechanism.whole.links if reading.mechanism else ():
-        lengths = [x.split(":")[1].split("-") for x in sorted(locked) if x.startswith(f"links.{link.name}:")]
+        prefix = f"links.{link.name}:"  # of a locked length, "links.NAME:a-b"
+        lengths = [x.removeprefix(prefix).split("-") for x in sorted(locked) if x.startswith(prefix)]
         per_metre = table(tables, link.name).get("kg_per_m")
         shown.append(
             {
@@ -102,14 +103,15 @@ def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
     return shown
 
 
-def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
+def describe_pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
     """Return the data of every pin: of joints, of single points, and of pins that join nothing yet."""
     places, joints = place_points(reading), table(reading.document, "joints")
     groups: dict[str, list[str]] = {}  # id of a pin -> its points
     pin_of: dict[str, str] = {}  # point -> id of its pin; joints that share a point are one pin
-    for joint, references in pins_of(reading.rest).items():
+    for joint, references in points_of_pins(reading.rest).items():
         known = [x for x in references if isinstance(x, str) and x in places]
-        id = next((pin_of[x] for x in known if x in pin_of), joint)
+        shared = [pin_of[x] for x in known if x in pin_of]
+        id = shared[0] if shared else joint
         groups[id] = [*dict.fromkeys([*groups.get(id, []), *known])]
         pin_of |= dict.fromkeys(known, id)
     groups = {id: members for id, members in groups.items() if members} | {x: [x] for x in places if x not in pin_of}
@@ -117,7 +119,7 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
     drawn_at = {id: np.mean([places[x] for x in members], axis=0).tolist() for id, members in groups.items()}
     shown = []
     for id, at in (drawn_at | lone_pins(reading.document)).items():
-        members = groups.get(id, [])
+        members = groups.get(id, [])  # none of a pin that joins nothing
         shown.append(
             {
                 "id": id,
@@ -132,16 +134,16 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
     return shown
 
 
-def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
-    """Return the data of every slide."""
+def describe_slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
+    """Return the data of every slide, in the order of the file; empty without a mechanism."""
     q = reading.q
     return [
         {
             "id": joint.name,
-            "guide": as_written(joint.guide),
+            "guide": name_in_file(joint.guide),
             "at": position(q, joint.guide).tolist(),
             "angle": float(angle_at(q, joint.guide.link)) + joint.angle,
-            "block": as_written(joint.block),
+            "block": name_in_file(joint.block),
             "block_at": position(q, joint.block).tolist(),
             "offset": joint.offset,
             "locked": f"slides.{joint.name}" in locked,
@@ -150,14 +152,14 @@ def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
     ]
 
 
-def as_written(point: Point) -> str:
-    """Return LINK.POINT of a point as the file writes it; the mechanism writes BODY.LINK.POINT for a point of a welded link."""
+def name_in_file(point: Point) -> str:
+    """Return the name LINK.POINT of a point in the file; in the mechanism, a point of a welded link is BODY.LINK.POINT."""
     return ".".join(point.name.split(".")[-2:])
 
 
-def forces(reading: Reading) -> list[dict[str, Any]]:
-    """Return the data of every force and cylinder."""
-    places, joints = place_points(reading), pins_of(reading.rest)
+def describe_forces(reading: Reading) -> list[dict[str, Any]]:
+    """Return the data of every force and cylinder; `at` has the places [x, y] between or at which it is drawn."""
+    places, joints = place_points(reading), points_of_pins(reading.rest)
     places |= {link: pose[:2] for link, pose in reading.poses(reading.q).items()}
     entries = [(name, str(entry.get("type")), entry) for name, entry in items(reading.document, "forces")]
     entries += [(name, "cylinder", entry) for name, entry in items(reading.document, "cylinders")]
@@ -174,7 +176,7 @@ def forces(reading: Reading) -> list[dict[str, Any]]:
     return shown
 
 
-def drivers_possible(reading: Reading) -> list[dict[str, str]]:
+def find_drivable(reading: Reading) -> list[dict[str, str]]:
     """Return name and kind of the coordinates that can be driven: "angle" of a link with a pin on the ground, or "slide"."""
     kinds: dict[str, str] = {}
     # `rest` is the document without faulty parts; a cylinder in it becomes two links and a prismatic joint, and so is a slide here
@@ -187,23 +189,22 @@ def drivers_possible(reading: Reading) -> list[dict[str, str]]:
     return [{"name": name, "kind": kind} for name, kind in kinds.items()]
 
 
-def status(reading: Reading) -> dict[str, Any]:
-    """Return whether the drawing assembles, and its numbers of degrees of freedom, loops and redundant joint constraints."""
+def describe_status(reading: Reading) -> dict[str, Any]:
+    """Return whether the drawing assembles, its degrees of freedom, its number of redundant joint constraints, and its loops."""
     mechanism, joints = reading.mechanism, reading.joints
     if mechanism is None or joints is None:
         return {"assembles": False, "dof": None, "loops": 0, "redundant": 0, "loop_names": []}
-    found = find_graph(pin_loose_links(mechanism)).loops
-    loops = [[mechanism.link_name(path.link) for path in loop.paths if path.link != GROUND] for loop in found]
+    loops = find_graph(pin_loose_links(mechanism)).loops
     return {
         "assembles": reading.closed,
         "dof": mechanism.n - reading.rank,
         "loops": len(loops),
         "redundant": len(joints(0.0, reading.q, np.zeros_like(reading.q)).phi) - reading.rank,
-        "loop_names": loops,
+        "loop_names": [[mechanism.link_name(x.link) for x in loop.paths if x.link != GROUND] for loop in loops],
     }
 
 
-def pins_of(document: Document) -> dict[str, list[str]]:
-    """Return name of a pin joint -> references "LINK.POINT" of its points; the pins at the ends of cylinders are included."""
+def points_of_pins(document: Document) -> dict[str, list[str]]:
+    """Return name of a pin joint -> references "LINK.POINT" of its points, also for the pins at the ends of cylinders."""
     joints = items(expand_cylinders(document), "joints")
     return {name: sequence(joint, "at") for name, joint in joints if joint.get("type") == "revolute"}

@@ -7,13 +7,13 @@ from collections import deque
 from dataclasses import dataclass, field
 
 LARGEST = 2 << 20  # [bytes] largest message
-RATE, WINDOW = 300, 1.0  # most messages of a page that are answered in WINDOW seconds; a drag sends about 60 a second
-SOCKETS = 8  # most pages that are connected at once
+RATE, WINDOW = 300, 1.0  # largest number of messages of a page that are answered in WINDOW [s]; a drag sends about 60 a second
+SOCKETS = 8  # largest number of pages that are connected at once
 UNREAD = 64  # longest queue of messages to a page; a page is disconnected if its queue is full
-BESIDE = 4  # most long requests of a page that run beside its other requests
-DEEPEST = 40  # most levels of nesting in a message
-WAITING = 128  # most idle connections; the oldest one is closed if there are more
-ASKING = 64  # most connections that are answered at once; a request on another connection gets the status 503
+BESIDE = 4  # largest number of long requests of a page that run beside its other requests
+DEEPEST = 40  # largest number of levels of nesting in a message
+WAITING = 128  # largest number of idle connections; the oldest one is closed if there are more
+ASKING = 64  # largest number of connections that are answered at once; a request on another one gets the status 503
 
 
 def headers(port: int) -> dict[str, str]:
@@ -57,13 +57,13 @@ class Guard:
     def refusal(self, host: str | None, origin: str | None) -> str:
         """Return the reason to refuse a request with these headers; empty if there is none."""
         if host not in self.hosts:
-            return "the studio answers to its own address alone"
+            return "the studio answers only requests to its own address"
         if origin is not None and origin not in {f"http://{x}" for x in self.hosts}:
-            return "the studio answers to its own page alone"
+            return "the studio answers only requests from its own page"
         return ""
 
     def knows(self, token: str | None) -> bool:
-        """Tell whether a token is the right one, in a time that does not depend on the token."""
+        """Tell whether a token is the right one, in a time from which the right token cannot be guessed."""
         return token is not None and hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode())
 
 
@@ -74,7 +74,10 @@ class Rate:
         self.times: deque[float] = deque()
 
     def allows(self, now: float | None = None) -> bool:
-        """Count a message at the time `now` [s] and return True, or return False after too many within WINDOW seconds."""
+        """Count a message at the time `now` [s], by default the present one, and return True.
+
+        Return False, without counting it, if RATE messages have been counted in the last WINDOW seconds.
+        """
         now = time.monotonic() if now is None else now
         while self.times and self.times[0] <= now - WINDOW:
             self.times.popleft()

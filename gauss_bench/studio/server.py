@@ -35,7 +35,7 @@ from gauss_bench.linkage.load import read as read_file
 from gauss_bench.report.site.view import VIEW, view_page
 from gauss_bench.studio import files
 from gauss_bench.studio.autosave import remove_orphans
-from gauss_bench.studio.dynamics import engines_here
+from gauss_bench.studio.dynamics import list_engines
 from gauss_bench.studio.messages import Refused
 from gauss_bench.studio.requests import APART, answer
 from gauss_bench.studio.security import ASKING, BESIDE, LARGEST, SOCKETS, UNREAD, WAITING, Guard, Rate, headers
@@ -59,8 +59,8 @@ class Guarded:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        given = Headers(scope=scope)
-        hosts, origins = given.getlist("host"), given.getlist("origin")
+        received = Headers(scope=scope)
+        hosts, origins = received.getlist("host"), received.getlist("origin")
         is_single = len(hosts) == 1 and len(origins) <= 1
         refusal = self.guard.refusal(hosts[0] if is_single else None, origins[0] if origins else None)
 
@@ -81,10 +81,10 @@ class Guarded:
 
 
 class Connection(H11Protocol):
-    """A connection to the server; when it opens and more than WAITING connections are idle, the oldest idle one is closed."""
+    """A connection to the server. If more than WAITING connections are idle when it opens, the oldest idle one is closed."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Register this connection, and close the oldest idle one if there are too many, which could block the server."""
+        """Register this connection; if there are so many idle ones that they could block the server, close the oldest of them."""
         super().connection_made(transport)
         self.since = self.loop.time()
         idle = [x for x in self.connections if isinstance(x, Connection) and x.is_idle()]
@@ -127,7 +127,7 @@ class Studio:
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
-        """Prepare the event loop, and stop all jobs at the end."""
+        """Prepare the event loop when the server starts, and stop all jobs when it ends."""
         self.loop = asyncio.get_running_loop()
         self.loop.set_default_executor(ThreadPoolExecutor(SOCKETS * (BESIDE + 1)))  # a thread for every request that may run
         yield
@@ -136,7 +136,7 @@ class Studio:
     async def index(self, request: Request) -> Response:
         """Serve the page to a request with the token."""
         if not self.guard.knows(request.query_params.get("token")):
-            return PlainTextResponse("the studio opens with the address that it printed", 403)
+            return PlainTextResponse("the token is missing or wrong: open the address that the studio printed", 403)
         return FileResponse(PAGE / "index.html")
 
     async def file(self, request: Request) -> Response:
@@ -207,10 +207,10 @@ class Studio:
             with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
                 self.loop.call_soon_threadsafe(self._tell_all, text)
 
-    def _tell_all(self, text: str, but: Unread | None = None) -> None:
-        """Queue a message for all pages except `but`, and disconnect pages whose queue is full."""
+    def _tell_all(self, text: str, sender: Unread | None = None) -> None:
+        """Queue a message for all pages except the page `sender`, and disconnect pages whose queue is full."""
         for page, task in self.pages.items():
-            if page is but:
+            if page is sender:
                 continue
             if not page.full():
                 page.put_nowait(text)
@@ -235,17 +235,19 @@ def parse_message(text: str) -> dict[str, Any]:
 
 
 def as_json(item: dict[str, Any]) -> str:
-    """Return an object, which may contain numpy arrays, as a text in JSON."""
+    """Return an object, which may contain numpy arrays, as a text in JSON; NaN and infinite numbers become null."""
     return json.dumps(plain(item), allow_nan=False)
 
 
 def _refuse_constant(word: str) -> float:
-    """Refuse NaN and Infinity, which Python's reader accepts and JSON does not have."""
+    """Raise ValueError for NaN and Infinity, which Python's reader accepts and JSON does not have."""
     raise ValueError(f"{word} is no number")
 
 
-def session_of(linkage: str | None, folder: Path) -> Session:
-    """Return a session with a linkage, by name or file, or an empty drawing; the folder of a file becomes the working folder.
+def open_session(linkage: str | None, folder: Path) -> Session:
+    """Return a session with the linkage of a name or file, or with an empty drawing for None.
+
+    The working folder is the folder of the file; without a file it is `folder`.
 
     Raises:
         LinkageError, Refused: the linkage cannot be read.
@@ -253,7 +255,7 @@ def session_of(linkage: str | None, folder: Path) -> Session:
     if linkage is None:
         return Session(folder)
     path = find(linkage)
-    if linkage not in files.templates():
+    if linkage not in files.find_templates():
         read_file(path)  # raises if the file is no linkage file
     if path.suffix == ".toml" and path == Path(linkage):  # the path of a file: work in the folder of this file
         folder, linkage = path.resolve().parent, path.name
@@ -271,7 +273,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         LinkageError: the linkage to open cannot be read.
     """
     try:
-        session = session_of(linkage, folder)
+        session = open_session(linkage, folder)
     except Refused as error:
         raise ExchangeError(f"{linkage}: {error}") from error
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
@@ -304,7 +306,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         limit_concurrency=WAITING + ASKING,  # connections that are idle, and those with a request in work
     )
     # the page requests the engines first: find them in advance, in a thread that the interpreter waits for when it ends
-    threading.Thread(target=engines_here).start()
+    threading.Thread(target=list_engines).start()
     if browser:
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(address)

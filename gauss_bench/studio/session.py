@@ -40,12 +40,12 @@ class Session:
         self.revision = 0
         self.motions, self.searches = 0, ThreadPoolExecutor(1)
         self.ended = threading.Event()
-        self._belong_to(None)
+        self._set_path(None)
         self.tell: Callable[[dict[str, Any]], object] = lambda event: None
         self.jobs = Jobs(lambda event: self.tell(event))
         self._begin(EMPTY, EMPTY)
 
-    def _belong_to(self, path: Path | None) -> None:
+    def _set_path(self, path: Path | None) -> None:
         """Make `path` the document's file, under whose name unsaved work is kept from now on; None for a new drawing."""
         self.path = path
         self.autosave = Autosave(str(path or self.folder / "a new drawing"))
@@ -61,24 +61,24 @@ class Session:
         self.drag: Drag | None = None
 
     def open(self, text: str, path: Path | None = None, is_template: bool = False) -> None:
-        """Begin a new history with a text. An unchanged template does not count as unsaved, because it can be opened again."""
+        """Open a text, with a new history; `path` is its file, or None. An unchanged template does not count as unsaved."""
         parse_text(text)  # raises if the text is no linkage file
         forget(self.autosave.file)
         # only a text that was pasted or imported exists nowhere else
         self._begin(text, text if path or is_template or text == EMPTY else "")
-        self._belong_to(path)
-        self._change()
+        self._set_path(path)
+        self._complete_change()
 
     def save_as(self, path: Path, text: str) -> None:
         """Record that `text` has been saved to the file `path`: it becomes the present text, and its unsaved work is forgotten."""
         forget(self.autosave.file)
         self.text, self.saved = text, text
-        self._belong_to(path)
-        self._change()
+        self._set_path(path)
+        self._complete_change()
 
     @property
     def is_unsaved(self) -> bool:
-        """Whether the present text would be lost at the end of the session, because it exists nowhere else."""
+        """Whether the present text exists nowhere else, so that it would be lost at the end of the session."""
         return self.text != self.saved
 
     @property
@@ -93,17 +93,17 @@ class Session:
             self._read = self.text, read(self.document)
         return self._read[1]
 
-    def put(self, text: str, locks: frozenset[str]) -> None:
-        """Replace the text of the linkage file and the set of locked parts, as one step of the history."""
+    def replace(self, text: str, locks: frozenset[str]) -> None:
+        """Replace the text of the linkage file and the set of locked parts, as one step of the history; ignore equal ones."""
         if (text, locks) == (self.text, self.locks):
             return
-        parse_text(text)
+        parse_text(text)  # raises if the text is no linkage file
         self.done = [*self.done, (self.text, self.locks)][-STEPS:]
         self.undone = []
         self.text, self.locks = text, locks
-        self._change()
+        self._complete_change()
 
-    def join(self) -> None:
+    def merge_steps(self) -> None:
         """Merge the last two steps of the history into one."""
         if len(self.done) > 1:
             self.done.pop()
@@ -121,14 +121,14 @@ class Session:
         if source:
             target.append((self.text, self.locks))
             self.text, self.locks = source.pop()
-            self._change()
+            self._complete_change()
 
-    def lay(self, picture: Picture | None) -> None:
+    def set_picture(self, picture: Picture | None) -> None:
         """Set or remove the picture behind the grid; the history for undo and redo does not record this."""
         self.picture = picture
-        self._change()
+        self._complete_change()
 
-    def _change(self) -> None:
+    def _complete_change(self) -> None:
         """Complete a change of the document: count it, end a drag, and write unsaved work to the autosave file or delete it."""
         self.revision += 1
         self.drag = None

@@ -149,7 +149,7 @@ def list_all(schema: str | None = None) -> Answer[Catalogue] | Answer[None]:
     if schema is not None:
         return Answer(None, text=json.dumps(find_schema(schema), indent=1))
     documents = {name: document_of(name)[0] for name in built_in()}
-    linkages = {k: ListedLinkage(x.get("title", ""), tuple(x["scenarios"])) for k, x in documents.items()}
+    linkages = {name: ListedLinkage(x.get("title", ""), tuple(x["scenarios"])) for name, x in documents.items()}
     engines = {
         x.name: ListedEngine(x.version, tuple(x.settings), x.integrators, x.stabilizations, x.environment, x.status, x.reason)
         for x in offers()
@@ -160,18 +160,19 @@ def list_all(schema: str | None = None) -> Answer[Catalogue] | Answer[None]:
 def check_engine(engine: str, told: Told) -> Answer[Conformance]:
     """Check whether an engine's adapter follows the rules of `engines/base.py`; `told` is called with each sentence of progress."""
     checks = conformance(engine, told)
-    passed = all(x.passed is not False for x in checks)
+    passed = all(x.passed is not False for x in checks)  # None: the rule could not be checked
     return Answer(Conformance(engine, passed, tuple(checks)), passed)
 
 
 def show(linkage: str, scenario: str | None) -> Answer[Description]:
-    """Describe a linkage file with all its scenarios, or with one of them; each is assembled."""
+    """Describe a linkage file with all its scenarios, or with the given one; each is assembled at its start."""
     first = load(linkage, scenario)
     others = [load(linkage, name) for name in first.scenarios if scenario is None and name != first.scenario]
     scenarios = {}
-    for m in (first, *others):
-        forces = tuple(f.name for f in (*m.forces, *m.frictions))
-        scenarios[m.scenario] = DescribedScenario(m.duration, forces, bool(m.drivers), m.q0, m.v0)
+    for x in (first, *others):
+        forces = tuple(force.name for force in (*x.forces, *x.frictions))
+        scenarios[x.scenario] = DescribedScenario(x.duration, forces, bool(x.drivers), x.q0, x.v0)
+    kinds = {entry.read.__self__: kind for kind, entry in CONSTRAINTS.items()}  # class of a constraint -> its kind in files
     return Answer(
         Description(
             name=first.name,
@@ -183,9 +184,9 @@ def show(linkage: str, scenario: str | None) -> Answer[Description]:
             links={x.name: DescribedLink(x.mass, x.inertia, x.com, x.points) for x in first.links},
             joints={x.name: type(x).__name__.lower() for x in first.joints},
             knife_edges=tuple(x.name for x in first.knife_edges),
-            couplings={x.name: kind for x in first.couplings for kind, y in CONSTRAINTS.items() if y.read.__self__ is type(x)},
+            couplings={x.name: kinds[type(x)] for x in first.couplings if type(x) in kinds},
             welds={x.name: tuple(first.whole.links[i].name for i in x.beyond) for x in first.welds},
-            warnings=tuple(sorted({x for m in (first, *others) for x in m.warnings})),
+            warnings=tuple(sorted({warning for x in (first, *others) for warning in x.warnings})),
             scenarios=scenarios,
         )
     )

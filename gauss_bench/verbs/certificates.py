@@ -17,23 +17,19 @@ from gauss_bench.verbs.formats import list_meanings
 MADE = TABLES["certificates"]
 FILE = Column("file", "text", "path of the certificate; null if none was written")
 CERTIFIED = replace(MADE, columns=(*MADE.columns, FILE, Column("seconds", "number", "time of the computation", "s")))
-VERIFIED = Table(
-    "the check of one certificate",
-    (
-        *(c for c in MADE.columns if c.name in ("status", "message", "mechanism", "scenario")),
-        *(Column(x, "number", meaning) for x, meaning in list_meanings(Verification).items() if x not in ("mechanism", "scenario")),
-        FILE,
-        Column("passed", "flag", "whether the certificate holds"),
-    ),
-)
+NAMES = ("mechanism", "scenario")
+SHARED = [c for c in MADE.columns if c.name in ("status", "message", *NAMES)]
+MEASURED = [Column(x, "number", meaning) for x, meaning in list_meanings(Verification).items() if x not in NAMES]
+PASSED = Column("passed", "flag", "whether the certificate holds")
+VERIFIED = Table("the check of one certificate", (*SHARED, *MEASURED, FILE, PASSED))
 Row = dict[str, Any]
 
 
 def certify(options: Namespace, told: Told) -> Answer[Annotated[Row, CERTIFIED]] | Answer[Annotated[list[Row], CERTIFIED]]:
     """Compute the certificate of one scenario of a linkage, or those of all scenarios of all built-in linkages."""
     if options.out is not None:
-        beside = Path(options.linkage).parent / CERTIFICATES if options.linkage else None
-        writable(options.out, replace=True, usual=beside, suffix=".npz", source=options.linkage or "")
+        default_folder = Path(options.linkage).parent / CERTIFICATES if options.linkage else None
+        writable(options.out, replace=True, usual=default_folder, suffix=".npz", source=options.linkage or "")
     if options.built_in:
         rows = certificates.certify_built_in(options.jobs)
         return Answer(rows, all(row["status"] == "ok" for row in rows), render("certificates", rows))
@@ -44,6 +40,9 @@ def certify(options: Namespace, told: Told) -> Answer[Annotated[Row, CERTIFIED]]
 
 
 def verify(options: Namespace) -> Answer[Annotated[list[Row], VERIFIED]]:
-    """Check certificates (reference motions with guaranteed digits) in double precision; return a table row for each."""
+    """Check certificates (reference motions with guaranteed digits) in double precision; return a table row for each.
+
+    The verb fails if a certificate does not hold, or if there is none.
+    """
     rows = certificates.verify_all(options.certificates, options.linkage, options.jobs)
     return Answer(rows, bool(rows) and all(row.get("passed", False) for row in rows))

@@ -56,7 +56,7 @@ def engines(action: str, name: str | None, yes: bool, told: Told) -> Answer[Envi
     if (name is None) != (action == "list"):
         raise BadInput("`engines install` and `engines remove` take the name of an engine, and `engines list` takes none")
     if name is None:
-        remove_leftovers()  # of installations that were broken off
+        remove_leftovers()  # of interrupted installations
         return Answer(_list_environments(""))
     if action == "remove":
         remove(name)
@@ -71,11 +71,11 @@ def engines(action: str, name: str | None, yes: bool, told: Told) -> Answer[Envi
 
 def _list_environments(done: str) -> Environments:
     """Return all engines in environments of their own: first those of this package, then further ones of the user's file."""
-    named = read_environments()
+    environments = read_environments()  # those that the user's file names
     listed = {}
-    for name in dict.fromkeys((*ELSEWHERE, *named)):
+    for name in dict.fromkeys((*ELSEWHERE, *environments)):
         offered = asdict(read_offered(name)) if name in ELSEWHERE else {}
-        python = named[name].python if name in named else ""
+        python = environments[name].python if name in environments else ""
         listed[name] = ListedEnvironment(**offered, python=python, removable=is_installed_here(name))
     return Environments(done, str(home()), listed)
 

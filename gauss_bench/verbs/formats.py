@@ -43,7 +43,7 @@ COLUMNS = {"text": {"type": ["string", "null"]}, "number": NUMBER, "flag": {"typ
 
 
 def list_formats() -> dict[str, str]:
-    """Return name of a schema -> what the schema describes."""
+    """Return name of a schema -> words on the file or the output that the schema describes."""
     files = {name: f"a {name} file, which is TOML" for name in FILES}
     return files | {name: f"what `gauss-bench {name} --json` prints" for name in PRINTED}
 
@@ -60,7 +60,7 @@ def find_schema(name: str) -> Schema:
         raise ChoiceError(f"--schema: no schema {name!r}; there are {', '.join(list_formats())}")
     answer = get_type_hints(resolve_name(VERBS[name]["call"]), include_extras=True)["return"]
     writer = Writer()
-    printed = join([writer.describe(x) for x in find_data(answer) if x is not NoneType])  # None prints nothing
+    printed = join_schemas([writer.describe(x) for x in find_data(answer) if x is not NoneType])  # None prints nothing
     return DRAFT | {"title": f"What gauss-bench {name} --json prints"} | printed | {"$defs": writer.named}
 
 
@@ -74,9 +74,10 @@ def find_data(answer: Any) -> Iterator[Any]:
 
 
 class FileSchema(GenerateJsonSchema):
-    """Pydantic's generator of schemas, which here gives no title to the keys."""
+    """Pydantic's generator of schemas, without titles of keys, which would only repeat their names."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
+        """Return False: no key gets a title."""
         return False
 
 
@@ -128,14 +129,15 @@ class Writer:
         if kind in SIMPLE:
             return dict(SIMPLE[kind])
         if origin in (Union, UnionType):
-            return join([self.describe(x) for x in arguments])
+            return join_schemas([self.describe(x) for x in arguments])
         if origin is np.ndarray:
             return {"type": "array", "items": NUMBER}
         if origin is dict or origin is Mapping:
-            keys = {"propertyNames": self.describe(arguments[0])} if arguments[0] is not str else {}
-            return {"type": "object", "additionalProperties": self.describe(arguments[1])} | keys
+            # the arguments are the types of keys and of values
+            names = {} if arguments[0] is str else {"propertyNames": self.describe(arguments[0])}
+            return {"type": "object", "additionalProperties": self.describe(arguments[1])} | names
         if origin in (list, tuple):
-            return {"type": "array", "items": join([self.describe(x) for x in arguments if x is not ...])}
+            return {"type": "array", "items": join_schemas([self.describe(x) for x in arguments if x is not ...])}
         if inspect.isclass(kind) and issubclass(kind, StrEnum):
             return {"enum": [str(x) for x in kind]}
         if is_typeddict(kind) or is_dataclass(kind):
@@ -143,7 +145,7 @@ class Writer:
         raise TypeError(f"no schema of {kind!r}")
 
     def refer(self, kind: Any) -> Schema:
-        """Return a reference to the definition of a class with a fixed set of keys."""
+        """Return a reference to the definition of a class with a fixed set of keys; add the definition to `named`."""
         name = kind.__name__
         if self.classes.setdefault(name, kind) is not kind:
             raise TypeError(f"two classes are called {name}")
@@ -192,14 +194,17 @@ def describe_rows(kind: Any, columns: Table | Mapping[str, Table]) -> Schema:
     return several if list in (kind, get_origin(kind)) else row
 
 
-def join(options: list[Schema]) -> Schema:
-    """Return the schema of a value that fits any of these schemas."""
+def join_schemas(options: list[Schema]) -> Schema:
+    """Return the schema of a value that fits any of these schemas; plain types become one list of types."""
     if len(options) == 1:
         return options[0]
     if not all(x.keys() == {"type"} for x in options):
         return {"anyOf": options}
-    types = [x["type"] if isinstance(x["type"], list) else [x["type"]] for x in options]
-    return {"type": list(dict.fromkeys(name for some in types for name in some))}
+    types: dict[str, None] = {}  # each type once, in order
+    for option in options:
+        names = option["type"]
+        types |= dict.fromkeys(names if isinstance(names, list) else [names])
+    return {"type": list(types)}
 
 
 def list_meanings(kind: type) -> dict[str, str]:
@@ -212,10 +217,10 @@ def list_meanings(kind: type) -> dict[str, str]:
         known = "|".join(map(re.escape, inspect.get_annotations(base)))
         listed = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")[2].partition("\n\n")[0]
         for entry in filter(None, re.split(r"^    (?=\S)", listed, flags=re.MULTILINE)):
-            names = rf"(?:^|; )((?:{known})(?:, (?:{known}))*): "
-            _, *parts = re.split(names, " ".join(entry.split()))
-            for fields_named, meaning in zip(parts[::2], parts[1::2], strict=True):
-                meanings |= dict.fromkeys(fields_named.split(", "), meaning.rstrip("."))
+            heads = rf"(?:^|; )((?:{known})(?:, (?:{known}))*): "  # "a, b: " at the beginning or after a semicolon
+            _, *parts = re.split(heads, " ".join(entry.split()))  # head, meaning, head, meaning, ...
+            for head, meaning in zip(parts[::2], parts[1::2], strict=True):
+                meanings |= dict.fromkeys(head.split(", "), meaning.rstrip("."))
     return meanings
 
 

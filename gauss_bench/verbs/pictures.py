@@ -32,25 +32,25 @@ def write(contents: Mapping[Path, str | bytes]) -> None:
 
 
 def draw_linkage(answer: Answer[Description], files: Files) -> None:
-    """Draw the linkage of a description, with the paths of its observed points."""
+    """Draw the linkage of a description, with the paths of its observed points, into each of the files."""
     write({path: draw(*pose_links(answer.data.source)) for path in files.values()})
 
 
 def draw_run(result: Simulation, files: Files) -> None:
-    """Write the plot, the animation and the table of a run."""
+    """Write the plot, the animation and the table of a run: `files` has the paths of the options "plot", "animate" and "out"."""
     if result.trajectory is None:
         tell("the run has no samples: no file is written")
         return
-    shown, sentences = history(result), result.told()
+    shown, caption = history(result), result.told()
     contents: dict[Path, str | bytes] = {}
     for name, path in files.items():
         if name == "out":
             contents[path] = table(shown)
         elif name == "plot":
-            contents[path] = encode_curves(path.suffix, sentences, shown)
+            contents[path] = encode_curves(path.suffix, caption, shown)
         else:
             links = motion_of_links(result.model, result.trajectory)
-            contents[path] = encode_film(path.suffix, sentences, shown, result.model.whole, links)
+            contents[path] = encode_film(path.suffix, caption, shown, result.model.whole, links)
     write(contents)
 
 

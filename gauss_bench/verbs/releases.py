@@ -49,23 +49,22 @@ def releases(
     """
     library = read_library(engine)
     if new and (first or last or only):
-        raise ReleaseFault(
-            "--new takes the newest release that is listed and all later ones; it goes without --from, --to and --only"
-        )
+        raise ReleaseFault("--new takes the newest listed release and all later ones; leave out --from, --to and --only")
     wanted = [library.releases[-1]] if new else choose_releases(library, first, last, only)
     usable_folder(out, LOCAL)
     refuse_foreign({out / PAGE: TITLE})
     seconds = check_budget(budget, BUDGET)
-    found = [install_release(library, version, told) for version in wanted]
-    if new and found[0].python:  # the newest listed release is installed, so that its pip can list the later ones
-        later = [x for x in list_available(found[0], library) if order(x) > order(wanted[0])]
-        found += [install_release(library, version, told) for version in sorted(later, key=order)]
-    installed = [x for x in found if x.python]
+    compared = [install_release(library, version, told) for version in wanted]
+    if new and compared[0].python:  # the newest listed release is installed, so that its pip can list the later ones
+        later = [x for x in list_available(compared[0], library) if order(x) > order(wanted[0])]
+        compared += [install_release(library, version, told) for version in sorted(later, key=order)]
+    installed = [x for x in compared if x.python]
     if not installed:
-        raise ReleaseFault(f"no release of {engine} can be installed: {found[0].reason}")
+        raise ReleaseFault(f"no release of {engine} can be installed: {compared[0].reason}")
     with as_engines(library, installed), Journal(out / RUN / f"releases-{engine}.jsonl") as journal:
-        answers = [ask_or_recall(library, release, seconds, journal, told) for release in found]
-        usable = [x for x in installed if next(a for a in answers if a.version == x.version).usable]
+        answers = [ask_or_recall(library, release, seconds, journal, told) for release in compared]
+        usable_versions = {x.version for x in answers if x.usable}
+        usable = [x for x in installed if x.version in usable_versions]
         raced = ([], []) if no_costs or len(usable) < 2 else race_releases(library, usable, told)
     facts = environment()
     commit = f"{facts['commit']}{' with changes' if facts['dirty'] else ''}"
@@ -77,13 +76,13 @@ def releases(
 
 
 def ask_or_recall(library: Library, release: Release, budget: float, journal: Journal, told: Told) -> Answers:
-    """Return what a release of a library computes: from the file `journal` if the same code stored it there, else by running it."""
+    """Return the results of a release: those that the same code stored in the file `journal`, or else results of a new run."""
     if not release.python:
         return Answers(release.version, status=str(Status.SKIP), message=release.reason)
     stamp = f"{source_digest(*ASKED)} {release.how} {budget:g}"
-    known = journal.find(release.version, stamp)
-    if known:
-        return from_data(known)
+    stored = journal.find(release.version, stamp)
+    if stored:
+        return from_data(stored)
     answers = ask_release(library, release, budget, told)
     if answers.usable:
         journal.add(release.version, stamp, as_data(answers))

@@ -23,7 +23,7 @@ from gauss_bench.tables import TABLES, refuse_foreign, write_table
 
 
 def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
-    """Find each engine's cheapest setting that meets the required accuracy, and write a program for each of these settings."""
+    """Find each engine's cheapest setting that meets the required accuracy; with --out, write a program for each setting."""
     engines, files = options.engines or [], {}
     if options.out is not None:
         usable_folder(options.out)
@@ -55,9 +55,9 @@ def sweep(options: Namespace, told: Told) -> Answer[SweepSummary]:
     planned = (options.samples, options.sampling, options.seed)
     engines = options.engines or ["gauss-native"]
     summary = run_sweep(options.linkage, options.vary, options.out, engines, *planned, how, where, told)
-    ended = summary["engines"].values()
-    all_ok = all(x["half_the_step"] is None or x["half_the_step"]["ok"] for x in ended)
-    all_ok = all_ok and all(set(x["status"]) <= {"ok", "not_assembled"} for x in ended)
+    sweeps = summary["engines"].values()  # one for each engine
+    all_ok = all(x["half_the_step"] is None or x["half_the_step"]["ok"] for x in sweeps)
+    all_ok = all_ok and all(set(x["status"]) <= {"ok", "not_assembled"} for x in sweeps)
     remarks = tuple(f"{name}: {describe_half_step_check(x['half_the_step'])}" for name, x in summary["engines"].items())
     return Answer(summary, all_ok, text(summary["engines"]), remarks)
 
@@ -65,18 +65,19 @@ def sweep(options: Namespace, told: Told) -> Answer[SweepSummary]:
 def atlas(options: Namespace, told: Told) -> Answer[Annotated[list[dict[str, Any]], TABLES["atlas"]]]:
     """For each axis of the atlas and each engine, find the hardest value on the axis at which the engine still passes.
 
-    An axis is a family of linkages that become harder to simulate as one number, the value, changes.
-    `options.into` gets the table alone.
+    An axis is a family of linkages that become harder to simulate as one number, the value, changes. The table is written into the
+    folders `options.out` and `options.into`, and the pages only into `options.out`.
     """
-    for folder in filter(None, (options.out, options.into)):
+    folders = [x for x in (options.out, options.into) if x is not None]
+    for folder in folders:
         usable_folder(folder)
         refuse_foreign({folder / "atlas.csv": table.HEAD})
     if options.out is not None:
         refuse_foreign({options.out / name: chart.TITLE for name in ("atlas.svg", "index.html")})
     chosen, along = survey.choose_settings(options.engines), survey.choose_axes(options.axes)
     reaches = survey.survey(chosen, along, check_budget(options.budget, survey.BUDGET), options.jobs, told)
-    rows = table.rows_of(reaches, environment()["commit"]) if options.out or options.into else []
-    for folder in filter(None, (options.out, options.into)):
+    rows = table.rows_of(reaches, environment()["commit"]) if folders else []
+    for folder in folders:
         told(f"{write_table('atlas', rows, folder)[0]}")
     if options.out is not None:
         for name, content in {"atlas.svg": chart.chart(reaches), "index.html": chart.page(reaches)}.items():

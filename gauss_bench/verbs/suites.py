@@ -80,16 +80,16 @@ class Accepted:
 
 
 def choose_suite(options: Namespace, names: Sequence[str]) -> Any:
-    """Return the named suites as one suite, with only the linkages and engines in the options, and with settings of authors.
+    """Return the named suites as one suite, restricted to the linkages and engines in the options, and with settings of authors.
 
     Raises:
         SuiteError, LinkageError, KeyError: a suite, linkage or engine cannot be used.
     """
     suite = join_entries([read_suite(name) for name in names])
-    asked = getattr(options, "scenario", None)
-    chosen = {x: load(x, asked or scenario_of(suite, x)).scenario for x in options.linkages}
+    asked = getattr(options, "scenario", None)  # not every verb has the options --scenario and --authors
+    scenarios = {x: load(x, asked or scenario_of(suite, x)).scenario for x in options.linkages}
     offers(options.engines or [])  # raises KeyError for an unknown engine
-    suite = restrict(suite, chosen) if chosen else suite
+    suite = restrict(suite, scenarios) if scenarios else suite
     suite = of_engines(suite, options.engines) if options.engines else suite
     return with_authors(suite, getattr(options, "authors", []))
 
@@ -107,7 +107,8 @@ def with_authors(suite: Suite, files: Sequence[Path]) -> Suite:
         if engine not in searched:
             raise ChoiceError(f"{path}: engine: the suite searches no settings of {engine}; `--suite search` does")
     names = tuple(str(path) for path in files)
-    return suite.model_copy(update={"search": tuple(x.model_copy(update={"authors": x.authors + names}) for x in suite.search)})
+    searches = tuple(part.model_copy(update={"authors": part.authors + names}) for part in suite.search)
+    return suite.model_copy(update={"search": searches})
 
 
 def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
@@ -126,13 +127,12 @@ def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
         print(f"{suite.title}: all of it takes up to {suite.hours:g} h on two quiet cores", file=sys.stderr, flush=True)
     for engine in (x for part in suite.search for x in engines_of(part)):
         build_first(engine.name, engine.variants, told)
-    asked = (options.until, options.steps, limit)
-    tables = run_suite(suite, options.out, options.jobs, not options.no_costs, " ".join(names), *asked)
+    limits = (options.until, options.steps, limit)
+    tables = run_suite(suite, options.out, options.jobs, not options.no_costs, " ".join(names), *limits)
     pages = build_report(options.out, programs) if options.report else []
     remarks = [str(path) for path in pages if path.name in ENTRIES]
     if options.against:
-        found = differences(options.out, options.against)
-        remarks.append(render("differences", found, there=str(options.against)))
+        remarks.append(render("differences", differences(options.out, options.against), there=str(options.against)))
     return Answer(tables, text=format_run(tables, options.out), notices=tuple(remarks))
 
 
@@ -140,10 +140,10 @@ def format_run(tables: Tables, folder: Path) -> str:
     """Return the summary of a run as text: how its cases ended, and which targets were missed."""
     results, targets, missed = tables.get("results", ()), 0, []
     for name, rows in tables.items():
-        names = [c.name for c in TABLES[name].key if c.kind == "text"]  # distinguish rows
-        judged = [x for x in rows if isinstance(x.get("met"), bool)]
+        keys = [c.name for c in TABLES[name].key if c.kind == "text"]  # columns whose texts name a row
+        judged = [x for x in rows if isinstance(x.get("met"), bool)]  # rows with a target
         targets += len(judged)
-        missed += [" ".join(str(row[key]) for key in names if row.get(key)) for row in judged if not row["met"]]
+        missed += [" ".join(str(row[key]) for key in keys if row.get(key)) for row in judged if not row["met"]]
     counts = sorted(Counter(str(row["status"]) for row in results).items())
     valid = sum(bool(row.get("valid")) for row in results)
     return render("run", counts, valid=valid, targets=targets, missed=missed, folder=str(folder))
@@ -156,17 +156,16 @@ def report(options: Namespace, told: Told) -> Answer[list[Path]] | Answer[Change
             check_publishable(folder)
     if options.against:
         folders = options.out, options.against
-        accuracy, (compared, moved) = differences(*folders), compare_times(*folders)
-        changes = Changes(accuracy, compared, moved, tuple(read_environment(x) for x in folders))
-        matters, rest = [x.row for x in moved if x.matters], [x.row for x in moved if not x.matters]
+        accuracy, (count, changed) = differences(*folders), compare_times(*folders)
+        changes = Changes(accuracy, count, changed, tuple(read_environment(x) for x in folders))
+        matters, rest = [x.row for x in changed if x.matters], [x.row for x in changed if not x.matters]
         return Answer(changes, text=render("changes", changes, matters=matters, rest=rest))
     return Answer(build_report(options.out, programs, told))
 
 
 def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
     """Compare the figures of the accuracy cases with the baseline, or accept them as a new baseline with `--accept`."""
-    asked = cases.cases(choose_suite(options, ["gate"]))
-    chosen = asked
+    chosen = asked = cases.cases(choose_suite(options, ["gate"]))
     if not options.accept and not options.baseline.exists():
         raise ChoiceError(f"{options.baseline}: no baseline there; write one with --accept REASON")
     baseline = None if options.accept else gate.read_baseline(options.baseline)
@@ -186,11 +185,11 @@ def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
         remarks = tuple(f"not accepted, because it failed: {reason}" for reason in refused)
         text = f"{options.baseline}: {changed} figures new or changed"
         return Answer(Accepted(changed, tuple(refused)), not refused, text, remarks)
-    # restrict: figures of the baseline whose linkage or engine was not asked for are not compared
-    verdicts = gate.compare(figures, gate.restrict(baseline, {row["mechanism"] for row in rows}, {x.engine for x in asked}))
-    failed = [*gate.failures(verdicts)]
-    again = ["gauss-bench", "check", *options.linkages, *(x for name in options.engines or [] for x in ("--engine", name))]
-    outcome = Checked(not failed, tuple(verdicts))
-    lines = [str(v) for v in verdicts if v.outcome != "ok"]
-    text = render("check", outcome, lines=lines, again=shlex.join([*again, "--baseline", str(options.baseline)]))
-    return Answer(outcome, not failed, text)
+    # figures of the baseline whose linkage or engine was not asked for are not compared
+    expected = gate.restrict(baseline, {row["mechanism"] for row in rows}, {x.engine for x in asked})
+    verdicts = gate.compare(figures, expected)
+    outcome = Checked(not any(gate.failures(verdicts)), tuple(verdicts))
+    engines = [x for name in options.engines or [] for x in ("--engine", name)]
+    again = shlex.join(["gauss-bench", "check", *options.linkages, *engines, "--baseline", str(options.baseline)])
+    text = render("check", outcome, lines=[str(v) for v in verdicts if v.outcome != "ok"], again=again)
+    return Answer(outcome, outcome.passed, text)

@@ -18,7 +18,7 @@ from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.studio.document import Document
 from gauss_bench.studio.messages import Refused, place
 from gauss_bench.studio.reading import Reading, lone_pins, new_faults
-from gauss_bench.studio.scene import pins
+from gauss_bench.studio.scene import describe_pins
 
 DIGITS = 11  # decimals of lengths [m] in the file, whose rounding is far below the tolerance of closed joints
 PLACED = 9  # decimals of places and degrees in a sketch or start, from which the joints are closed again
@@ -81,18 +81,18 @@ class Drawing:
     """
 
     def __init__(self, document: Document, reading: Reading):
-        """Take the poses and pins from a reading of the document; without locked parts, because an edit needs no locks here."""
+        """Take the poses and pins from a reading of the document; the set of locks for `describe_pins` is not needed here."""
         self.document, self.reading = document, reading
-        self.lay(reading.poses(reading.q))
-        self.pins = {x["id"]: Pin(x["id"], complex(*x["at"]), tuple(x["members"])) for x in pins(reading, set())}
+        self.set_poses(reading.poses(reading.q))
+        self.pins = {x["id"]: Pin(x["id"], complex(*x["at"]), tuple(x["members"])) for x in describe_pins(reading, set())}
         self.made: list[str] = []
 
-    def lay(self, poses: dict[str, list[float]]) -> None:
+    def set_poses(self, poses: dict[str, list[float]]) -> None:
         """Set the poses of the links from a dict link -> [x, y, theta]."""
         self.poses = {"ground": (0j, 0.0)} | {name: (complex(x, y), theta) for name, (x, y, theta) in poses.items()}
 
     def check(self, where: tuple[str, ...] = ()) -> None:
-        """Check that the edit has not given the file a new fault, which would concern the parts `where`."""
+        """Refuse the edit if it has given the file a new fault; `where` has the ids of the parts that the refusal concerns."""
         faults = new_faults(self.reading.document, self.document)
         if faults:
             raise Refused("; ".join(str(x) for x in faults[:3]), where, faults[0].path.rpartition(".")[2])
@@ -107,14 +107,14 @@ class Drawing:
         return entries
 
     def link(self, name: Any) -> dict[str, Any]:
-        """Return the table of a link."""
+        """Return the table of a link in the file; refuse a name that no placed link has."""
         entries = self.group("links").get(name) if isinstance(name, str) else None
         if not isinstance(entries, dict) or name not in self.poses:
             raise Refused(f"there is no link {str(name)[:60]!r}", field="link")
         return entries
 
     def is_written(self, link: str) -> bool:
-        """Tell whether a link has a table in the file: the ground and all links have, but not the parts of a cylinder."""
+        """Tell whether the file can name points of a link: true for the ground and all links, false for the parts of a cylinder."""
         return link == "ground" or link in self.group("links")
 
     def written_points(self, link: str) -> dict[str, Any]:
@@ -124,9 +124,9 @@ class Drawing:
 
     def points(self, link: str) -> dict[str, complex]:
         """Return name -> place of a link's points in its own frame, or of the ground's points in the world."""
-        given = self.written_points(link)  # outside `try`: it may raise Refused, a ValueError, which must not be caught below
+        written = self.written_points(link)  # outside `try`: it may raise Refused, a ValueError, which must not be caught below
         try:
-            points = resolve_points(given)
+            points = resolve_points(written)
         except (RecursionError, KeyError, TypeError, ValueError):  # a point is faulty: take the points that could be read
             # `reading.rest` is the document without its faulty parts
             rest = self.reading.rest.get("ground", {}) if link == "ground" else self.reading.rest["links"][link]
@@ -134,19 +134,19 @@ class Drawing:
         return {name: complex(*x) for name, x in points.items()}
 
     def place(self, reference: str) -> complex:
-        """Return the place of a point in the world."""
+        """Return the place of the point LINK.POINT in the world; refuse a point that the file does not have."""
         link, name = owner(reference), tail(reference)
-        known = self.points(link) if self.is_written(link) else {}
-        if name not in known:
+        points = self.points(link) if self.is_written(link) else {}
+        if name not in points:
             raise Refused(f"there is no point {reference[:80]!r}", field="point")
-        return self.world(link, known[name])
+        return self.to_world(link, points[name])
 
-    def world(self, link: str, local: complex) -> complex:
+    def to_world(self, link: str, local: complex) -> complex:
         """Return a place in a link's own frame as a place in the world."""
         origin, theta = self.poses[link]
         return origin + rect(1.0, theta) * local
 
-    def local(self, link: str, at: complex) -> complex:
+    def to_local(self, link: str, at: complex) -> complex:
         """Return a place in the world as a place in a link's own frame."""
         origin, theta = self.poses[link]
         return (at - origin) * rect(1.0, -theta)
@@ -159,47 +159,46 @@ class Drawing:
             # `follow` returns the chain of points from which a point is defined, each by its key `from`
             if other != name and name in written and name in follow(written, other)[0]:
                 written[other] = pair(places[other])
-        written[name] = pair(self.local(link, at))
+        written[name] = pair(self.to_local(link, at))
 
     # names
 
-    def fresh(self, word: str, *groups: str) -> str:
+    def new_name(self, word: str, *groups: str) -> str:
         """Return a new name: the word followed by the smallest number for which no entry of the groups has this name.
 
-        Groups are tables of the file, by default joints and cylinders. An empty word gives a number that names no pin or point yet.
+        Groups are tables of the file, by default joints and cylinders. With an empty word the name is a number, and also differs
+        from the names of all pins and points.
         """
         taken = {name for group in groups or ("joints", "cylinders") for name in table(self.document, group)}
         if not word:
             taken = taken.union(table(table(self.document, "assembly"), "sketch"), table(table(self.document, "ground"), "points"))
             taken = taken.union(*(table(link, "points") for _, link in items(self.document, "links")))
+        # of one number more than there are taken names, at least one is free
         return next(f"{word}{k}" for k in range(1, len(taken) + 2) if f"{word}{k}" not in taken)
 
-    def letter(self, link: str) -> str:
+    def new_point_name(self, link: str) -> str:
         """Return an unused name for a point that is no pin: on a link an unused letter if there is any, else a number."""
-        if link != "ground":
-            for letter in LETTERS:
-                if letter not in self.points(link):
-                    return letter
-        return self.fresh("")
+        unused = [] if link == "ground" else [x for x in LETTERS if x not in self.points(link)]
+        return unused[0] if unused else self.new_name("")
 
     # pins
 
-    def pin(self, given: Any) -> Pin:
+    def pin(self, choice: Any) -> Pin:
         """Return a pin of the drawing, or draw a new one.
 
         Args:
-            given: a value of a message: the id of a pin, `{"pin": id}`, or `{"at": [x, y], "ground": bool}` for a new pin.
+            choice: a value of a message: the id of a pin, `{"pin": id}`, or `{"at": [x, y], "ground": bool}` for a new pin.
         """
-        if isinstance(given, dict) and "pin" in given:
-            given = given["pin"]
-        if isinstance(given, str):
-            if given not in self.pins:
-                raise Refused(f"there is no pin {given[:60]!r}", field="pin")
-            return self.pins[given]
-        if not isinstance(given, dict):
+        if isinstance(choice, dict) and "pin" in choice:
+            choice = choice["pin"]
+        if isinstance(choice, str):
+            if choice not in self.pins:
+                raise Refused(f"there is no pin {choice[:60]!r}", field="pin")
+            return self.pins[choice]
+        if not isinstance(choice, dict):
             raise Refused("give the id or the place of a pin", field="pin")
-        at, name = place(given.get("at")), self.fresh("")
-        if given.get("ground"):
+        at, name = place(choice.get("at")), self.new_name("")
+        if choice.get("ground"):
             self.group("ground", "points")[name] = pair(at)
             pin = Pin(f"ground.{name}", at, (f"ground.{name}",))
         else:
@@ -210,19 +209,19 @@ class Drawing:
         return pin
 
     def joint_of(self, pin: Pin) -> str | None:
-        """Return the joint of the file at a pin, if there is one."""
+        """Return the name of the joint of the file that joins points of a pin; None if there is no such joint."""
         for name, joint in items(self.document, "joints"):
             if joint.get("type") == "revolute" and any(x in pin.members for x in sequence(joint, "at")):
                 return name
         return None
 
     def name_at(self, pin: Pin, taken: Any) -> str:
-        """Return a name for a new point at a pin: that of its joint or first point, or a number if that is taken."""
+        """Return a name for a new point at a pin: that of its joint or first point, or a number if `taken` contains that name."""
         wanted = self.joint_of(pin) or (tail(pin.members[0]) if pin.members else pin.id)
-        return wanted if wanted not in taken and NAME.fullmatch(wanted) else self.fresh("")
+        return wanted if wanted not in taken and NAME.fullmatch(wanted) else self.new_name("")
 
     def remove_from_sketch(self, pin: Pin) -> None:
-        """Remove a pin that joins nothing from the sketch of the file."""
+        """Remove the entry with a pin's id from the sketch of the file; only a pin that joins nothing has such an entry."""
         table(table(self.document, "assembly"), "sketch").pop(pin.id, None)
 
     def attach(self, pin: Pin, link: str) -> Pin:
@@ -233,7 +232,7 @@ class Drawing:
         if link in map(owner, pin.members):
             raise Refused(f"pin {pin.id} is on {link} already", (f"pins.{pin.id}",))
         name = self.name_at(pin, self.points(link))
-        self.written_points(link)[name] = pair(self.local(link, pin.at))
+        self.written_points(link)[name] = pair(self.to_local(link, pin.at))
         return self.join_at_pin(pin, f"{link}.{name}")
 
     def join_at_pin(self, pin: Pin, reference: str) -> Pin:
@@ -253,7 +252,7 @@ class Drawing:
         elif written:  # a second point makes a joint
             id = tail(written[0])
             if id in joints or id in self.group("cylinders"):
-                id = self.fresh("")
+                id = self.new_name("")
             joints[id] = {"type": "revolute", "at": [written[0], reference]}
         else:  # a single point is a pin without a joint
             self.remove_from_sketch(pin)
@@ -262,7 +261,7 @@ class Drawing:
         self.pins[id] = Pin(id, pin.at, (*pin.members, reference))
         return self.pins[id]
 
-    def ends(self, a: Any, b: Any) -> list[str]:
+    def find_ends(self, a: Any, b: Any) -> list[str]:
         """Return the references of two points of different links: one at a, the other at b (ids of pins, or references)."""
         for x, y in product(self.points_at(str(a)), self.points_at(str(b))):
             if owner(x) != owner(y):
@@ -280,21 +279,22 @@ class Drawing:
         members = self.pins[point].members if point in self.pins else (point,)
         return sorted(members, key=lambda reference: owner(reference) == "ground")
 
-    def on_link(self, point: str) -> str:
-        """Return the reference "LINK.POINT" of one point at the pin with the id `point`; prefer a link's point to the ground's."""
+    def point_on_link(self, point: str) -> str:
+        """Return the reference "LINK.POINT" of one point at the pin with the id `point`: on a link, or else on the ground."""
         reference = next(iter(self.points_at(point)), point)
         self.place(reference)  # raises if there is no such point
         return reference
 
     # links
 
-    def add_link(self, name: str, at: complex, theta: float, more: dict[str, Any]) -> None:
+    def add_link(self, name: str, at: complex, theta: float, entries: dict[str, Any]) -> None:
         """Add a link without points.
 
         Args:
             at, theta: place x + i y of the origin [m] and angle [rad] of the link's frame.
+            entries: all other keys of the link's table, with their values.
         """
-        self.group("links")[name] = {"points": {}} | more
+        self.group("links")[name] = {"points": {}} | entries
         self.poses[name] = at, theta
         self.made.insert(0, f"links.{name}")  # before pins, because callers ask for the first part that was made
 
@@ -303,25 +303,25 @@ class Drawing:
 
         Only then can `align` turn the frame: no centre of mass, point mass, weld or force is given in it.
         """
-        given = {} if link == "ground" else self.link(link)
-        bars, points = sequence(given, "bars"), self.points(link)
-        welded = any(link in (x.get("link"), x.get("to")) for _, x in items(self.document, "welds"))
-        fixed = any(x.get("frame") in (link, "body") for _, x in items(self.document, "forces"))
-        if not bars or "com" in given or "point_masses" in given or welded or fixed:
+        entries = {} if link == "ground" else self.link(link)
+        bars, points = sequence(entries, "bars"), self.points(link)
+        is_welded = any(link in (x.get("link"), x.get("to")) for _, x in items(self.document, "welds"))
+        carries_force = any(x.get("frame") in (link, "body") for _, x in items(self.document, "forces"))
+        if not bars or "com" in entries or "point_masses" in entries or is_welded or carries_force:
             return False
         a, b = (points[x] for x in bars[0])
         return abs(a) < SAME and abs(b.imag) < SAME and b.real > 0
 
     def align(self, link: str) -> None:
         """Put a link's frame at the first point of its first bar, along this bar, and rewrite its points in this frame."""
-        given = self.link(link)
-        places = {key: self.place(f"{link}.{key}") for key in given["points"]}
-        a, b = (places[x] for x in given["bars"][0])
-        _, old = self.poses[link]
-        self.poses[link] = a, old + math.remainder(phase(b - a) - old, 2 * math.pi)  # without a jump by whole turns
-        given["points"] = {key: pair(self.local(link, x)) for key, x in places.items()}
+        entries = self.link(link)
+        places = {key: self.place(f"{link}.{key}") for key in entries["points"]}
+        a, b = (places[x] for x in entries["bars"][0])
+        _, theta = self.poses[link]
+        self.poses[link] = a, theta + math.remainder(phase(b - a) - theta, 2 * math.pi)  # without a jump by whole turns
+        entries["points"] = {key: pair(self.to_local(link, x)) for key, x in places.items()}
 
-    def sketch(self) -> None:
+    def write_sketch(self) -> None:
         """Write the places of pins and links into the table `assembly`, from which the loader places the links.
 
         `assembly.sketch` gets places, and `assembly.angles` or `angles_deg` the angles of links whose points do not determine them.
@@ -332,24 +332,24 @@ class Drawing:
         pinned: set[str] = set()  # references of points that joints place
         # pins that are not on the ground, and blocks of those slides that the file has sketched
         for name, joint in joints:
-            at = [x for x in sequence(joint, "at") if isinstance(x, str) and owner(x) in self.poses]
-            pinned.update(at)
-            if joint.get("type") == "revolute" and at and "ground" not in map(owner, at):
-                drawn[name] = pair(sum(map(self.place, at)) / len(at), PLACED)
+            ends = [x for x in sequence(joint, "at") if isinstance(x, str) and owner(x) in self.poses]
+            pinned.update(ends)
+            if joint.get("type") == "revolute" and ends and "ground" not in map(owner, ends):
+                drawn[name] = pair(sum(map(self.place, ends)) / len(ends), PLACED)
             elif joint.get("type") == "prismatic" and name in old and owner(str(joint.get("block"))) in self.poses:
                 drawn[name] = pair(self.place(str(joint["block"])), PLACED)
         # links: points that place them; and an angle if neither the points nor a slide determine it
         angles = {name for key in ("angles", "angles_deg") for name in table(assembly, key)}
         slid = {owner(str(x.get(end))) for _, x in joints for end in ("guide", "block")}
         for link in [x for x in self.group("links") if x in self.poses]:
-            known, shows_angle = self._choose_points(link, pinned | old.keys())
-            drawn |= {x: pair(self.place(x), PLACED) for x in known if x not in pinned}
+            references, shows_angle = self._choose_points(link, pinned | old.keys())
+            drawn |= {x: pair(self.place(x), PLACED) for x in references if x not in pinned}
             if not shows_angle and link not in angles and link not in slid:
                 angles.add(link)
                 assembly.setdefault("angles_deg", {})[link] = 0.0  # an entry, whose value is written below
-        moving = {k for k, x in joints if not any(owner(str(y)) == "ground" for y in sequence(x, "at"))}
+        off_ground = {k for k, x in joints if "ground" not in (owner(str(y)) for y in sequence(x, "at"))}
         # keep the old entries of joints and links that could not be read
-        kept = {k: x for k, x in old.items() if k in moving or ("." in k and owner(k) not in self.poses)}
+        kept = {k: x for k, x in old.items() if k in off_ground or ("." in k and owner(k) not in self.poses)}
         assembly["sketch"] = kept | drawn | lone_pins(self.document)
         for name in angles & self.poses.keys():  # write the angles under the key that the file uses
             for key, unit in (("angles_deg", math.degrees(1.0)), ("angles", 1.0)):
@@ -358,10 +358,13 @@ class Drawing:
         self.tidy()
 
     def _choose_points(self, link: str, known: set[str]) -> tuple[list[str], bool]:
-        """Return references to the points that fix the position of a link, and whether these points also fix its angle."""
+        """Return references to the points that fix the position of a link, and whether these points also fix its angle.
+
+        They are the points of the link in `known` (references), and another one if it is needed for the angle.
+        """
         points = self.points(link)
         chosen = [name for name in points if f"{link}.{name}" in known] or [*points][:1]
-        apart = [name for name, x in points.items() if abs(x - points[chosen[0]]) > SAME]
+        apart = [name for name, x in points.items() if abs(x - points[chosen[0]]) > SAME]  # points away from the first one
         if apart and not {*apart} & {*chosen}:
             chosen.append(apart[0])
         return [f"{link}.{name}" for name in chosen], bool(apart)

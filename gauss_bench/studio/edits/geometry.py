@@ -35,14 +35,14 @@ def add_bar(d: Drawing, message: Message) -> None:
 
 def add_link(d: Drawing, message: Message) -> None:
     """Add a rigid link through three or more pins."""
-    given = message.get("points")
-    if not isinstance(given, list) or not 3 <= len(given) <= 20:
+    choices = message.get("points")
+    if not isinstance(choices, list) or not 3 <= len(choices) <= 20:
         raise Refused("a link has three points or more, at most 20", field="points")
-    _connect(d, [d.pin(x) for x in given], "plate")
+    _connect(d, [d.pin(x) for x in choices], "plate")
 
 
 def describe_owner(link: str) -> str:
-    """Return the words that tell where a pin is: on a link, or fixed to the ground."""
+    """Return "on LINK" or "fixed to the ground", for sentences about a pin on this link."""
     return "fixed to the ground" if link == "ground" else f"on {link}"
 
 
@@ -55,18 +55,18 @@ def _connect(d: Drawing, pins: list[Pin], word: str) -> None:
         if shared:
             text = f"pins {a.id} and {b.id} are both {describe_owner(shared[0])} already: no bar is needed between them"
             raise Refused(text, (f"pins.{b.id}", f"pins.{a.id}"))
-    name = d.fresh(word, "links")
+    name = d.new_name(word, "links")
     d.add_link(name, pins[0].at, phase(pins[1].at - pins[0].at), {"bars": [], "kg_per_m": KG_PER_M})
-    ends = [tail(d.attach(pin, name).members[-1]) for pin in pins]
+    ends = [tail(d.attach(pin, name).members[-1]) for pin in pins]  # names of the new points
     polygon = [[a, b] for a, b in zip(ends, [*ends[1:], ends[0]], strict=True)]
-    d.link(name)["bars"] = polygon if len(ends) > 2 else polygon[:1]
+    d.link(name)["bars"] = polygon if len(ends) > 2 else polygon[:1]  # between two points both sides are the same bar
 
 
 def add_point(d: Drawing, message: Message) -> None:
     """Add a point to a link."""
     link, at = message.get("link"), place(message.get("at"))
     d.link(link)
-    reference = f"{link}.{d.letter(str(link))}"
+    reference = f"{link}.{d.new_point_name(str(link))}"
     d.set_point(reference, at)
     d.made.append(f"pins.{reference}")
     if message.get("observe"):
@@ -75,7 +75,7 @@ def add_point(d: Drawing, message: Message) -> None:
 
 def observe(d: Drawing, message: Message) -> None:
     """Add a point to the observed points of the file (`observe.points`); with `on` false, remove it from them."""
-    point, observed = d.on_link(str(message.get("point"))), d.group("observe")
+    point, observed = d.point_on_link(str(message.get("point"))), d.group("observe")
     others = [x for x in sequence(observed, "points") if x != point]
     observed["points"] = [*others, point] if message.get("on", True) else others
 
@@ -98,14 +98,14 @@ def add_slide(d: Drawing, message: Message) -> None:
         raise Refused(f"pin {pin.id} is on {name} itself, and cannot slide along it", (f"pins.{pin.id}",))
     angle = math.radians(number(message, "angle_deg"))
     point = _guide_point(d, guide, place(message.get("through"), "through"))
-    # the distance of the pin from the axis, positive to the left of its direction
+    # the distance of the pin from the axis [m], positive to the left of its direction
     offset = ((pin.at - d.place(f"{guide}.{point}")) * rect(1.0, -angle)).imag
-    block, slide = d.fresh("block", "links"), d.fresh("slide", "joints", "cylinders")
+    block, slide = d.new_name("block", "links"), d.new_name("slide", "joints", "cylinders")
     d.add_link(block, pin.at, angle, {**BLOCK})
-    at = d.attach(pin, block).members[-1]
+    block_point = d.attach(pin, block).members[-1]
     _, guide_angle = d.poses[guide]
     degrees = round_digits(math.degrees(math.remainder(angle - guide_angle, 2 * math.pi)), DIGITS)
-    joint = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": at}
+    joint = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": block_point}
     if abs(offset) > SAME:
         joint["offset"] = round_digits(offset, DIGITS)
     d.group("joints")[slide] = joint
@@ -113,12 +113,12 @@ def add_slide(d: Drawing, message: Message) -> None:
 
 
 def _guide_point(d: Drawing, guide: str, at: complex) -> str:
-    """Return the name of the guide's point at a place; add the point if there is none."""
-    local = d.local(guide, at)
+    """Return the name of the guide's point at a place in the world; add the point if there is none."""
+    local = d.to_local(guide, at)
     for name, x in d.points(guide).items():
         if abs(x - local) < SAME:
             return name
-    name = d.letter(guide)
+    name = d.new_point_name(guide)
     d.written_points(guide)[name] = pair(local)
     return name
 
@@ -137,7 +137,7 @@ def join(d: Drawing, message: Message) -> None:
         raise Refused(f"pins {a.id} and {b.id} are both {words}: they cannot be joined", (f"pins.{a.id}", f"pins.{b.id}"))
     if a.is_grounded:
         a, b = b, a
-    _shift(d, a, b.at)
+    _move_pin(d, a, b.at)
     joints, joint = d.group("joints"), d.joint_of(a)
     if joint is not None:
         del joints[joint]
@@ -152,11 +152,11 @@ def join(d: Drawing, message: Message) -> None:
     for reference in a.members:
         if d.is_written(owner(reference)):  # no joint can name points of the parts of a cylinder, which have no table in the file
             b = d.join_at_pin(b, reference)
-    kept = d.joint_of(b)
-    if joint is not None and kept is not None:
+    remaining_joint = d.joint_of(b)
+    if joint is not None and remaining_joint is not None:
         for _, force in items(d.document, "forces"):  # forces in the removed joint now act in the other
             if force.get("joint") == joint:
-                force["joint"] = kept
+                force["joint"] = remaining_joint
     d.made.append(f"pins.{b.id}")
 
 
@@ -164,12 +164,12 @@ def ground(d: Drawing, message: Message) -> None:
     """Fix a pin to the ground; with `on` false, release it from the ground."""
     pin, on = d.pin(message.get("pin")), bool(message.get("on", True))
     if on and not pin.is_grounded:
-        _fix(d, pin)
+        _fix_to_ground(d, pin)
     elif pin.is_grounded and not on:
-        _release(d, pin)
+        _release_from_ground(d, pin)
 
 
-def _fix(d: Drawing, pin: Pin) -> None:
+def _fix_to_ground(d: Drawing, pin: Pin) -> None:
     """Fix a pin to a new point of the ground."""
     points, joints = d.written_points("ground"), d.group("joints")
     d.remove_from_sketch(pin)
@@ -181,7 +181,7 @@ def _fix(d: Drawing, pin: Pin) -> None:
             joint["at"] = [f"ground.{name}", *(x for x in joint["at"] if x != f"ground.{name}")]
 
 
-def _release(d: Drawing, pin: Pin) -> None:
+def _release_from_ground(d: Drawing, pin: Pin) -> None:
     """Release a pin from the ground: remove its points of the ground, except points that a slide uses.
 
     A pin that then joins nothing keeps its place in `assembly.sketch`; a joint with one point is removed.
@@ -193,7 +193,7 @@ def _release(d: Drawing, pin: Pin) -> None:
         if not is_used:
             del points[name]
         if joint is None:  # the pin gets the name of the point, or a new name if a joint has this one
-            d.group("assembly", "sketch")[name if name not in joints else d.fresh("")] = pair(pin.at)
+            d.group("assembly", "sketch")[name if name not in joints else d.new_name("")] = pair(pin.at)
     if joint is not None:
         joints[joint]["at"] = [x for x in joints[joint]["at"] if owner(x) != "ground"]
         if len(joints[joint]["at"]) < 2:
@@ -201,11 +201,11 @@ def _release(d: Drawing, pin: Pin) -> None:
 
 
 def move(d: Drawing, message: Message) -> None:
-    """Move a pin to a place."""
-    _shift(d, d.pin(message.get("pin")), place(message.get("at")))
+    """Move a pin to a place in the world."""
+    _move_pin(d, d.pin(message.get("pin")), place(message.get("at")))
 
 
-def _shift(d: Drawing, pin: Pin, at: complex) -> None:
+def _move_pin(d: Drawing, pin: Pin, at: complex) -> None:
     """Move a pin to a place in the world, and change the lengths of the links that it joins.
 
     A pin that joins nothing changes only in the sketch. A point of the ground is moved to the new place. A link with a single point
@@ -215,8 +215,9 @@ def _shift(d: Drawing, pin: Pin, at: complex) -> None:
     if not pin.members:
         d.group("assembly", "sketch")[pin.id] = pair(at)
     joints = [x for _, x in items(d.document, "joints")]
-    # reference of a point -> number of places in joints at which it is named
-    used = Counter(str(x) for joint in joints for x in (joint.get("guide"), joint.get("block"), *sequence(joint, "at")))
+    used: Counter[str] = Counter()  # reference of a point -> how many times joints name it
+    for joint in joints:
+        used.update(map(str, (joint.get("guide"), joint.get("block"), *sequence(joint, "at"))))
     for joint in joints:
         guide = str(joint.get("guide"))
         if joint.get("block") in pin.members and owner(guide) == "ground" and used[guide] == 1:
@@ -231,10 +232,10 @@ def _shift(d: Drawing, pin: Pin, at: complex) -> None:
             origin, theta = d.poses[link]
             d.poses[link] = origin + at - pin.at, theta
         else:
-            _put(d, reference, at)
+            _move_point(d, reference, at)
 
 
-def _put(d: Drawing, reference: str, at: complex) -> None:
+def _move_point(d: Drawing, reference: str, at: complex) -> None:
     """Move a point of a link to a place in the world; if the link's frame lay along its first bar, it still does afterwards."""
     link = owner(reference)
     is_aligned = d.is_aligned(link)
@@ -247,7 +248,7 @@ def _put(d: Drawing, reference: str, at: complex) -> None:
 
 
 def set_length(d: Drawing, message: Message) -> None:
-    """Set the distance of two points of a link: move the second point."""
+    """Set the distance of two points of a link [m]: move the second point towards or away from the first."""
     name, length = str(message.get("link")), number(message, "value")
     points = d.points(name)
     a, b = str(message.get("a")), str(message.get("b"))
@@ -259,7 +260,7 @@ def set_length(d: Drawing, message: Message) -> None:
     along = points[b] - points[a]
     if abs(along) < SAME:
         raise Refused(f"{a} and {b} lie at one place of {name}", where)
-    _put(d, f"{name}.{b}", d.world(name, points[a] + along * (length / abs(along))))
+    _move_point(d, f"{name}.{b}", d.to_world(name, points[a] + along * (length / abs(along))))
 
 
 def set_angle(d: Drawing, message: Message) -> None:
@@ -267,8 +268,8 @@ def set_angle(d: Drawing, message: Message) -> None:
     name, degrees, reading = str(message.get("link")), number(message, "value_deg"), d.reading
     d.link(name)  # raises if there is no such link
     if reading.mechanism is None or reading.joints is None or not reading.closed:
-        raise Refused("a link can be turned once the drawing assembles", (f"links.{name}",))
-    body, turn = reading.mechanism.find_body(name)  # a welded link is turned by `turn` in its body
+        raise Refused("a link can be turned only if the drawing assembles", (f"links.{name}",))
+    body, turn = reading.mechanism.find_body(name)  # turn: angle of a welded link in its body [rad]
     q, joints = reading.q, reading.joints
     first, row = float(angle_at(q, body)), gradient(Angle(GROUND, body), q)
     change = math.remainder(math.radians(degrees) - float(turn) - first, 2 * math.pi)  # by the shorter turn to the angle [rad]
@@ -281,8 +282,8 @@ def set_angle(d: Drawing, message: Message) -> None:
 
         q, error = gauss_newton(q, residual)
         if error > CLOSED:
-            raise Refused(f"{name} cannot stand at {degrees:g} degrees: the linkage does not reach it", (f"links.{name}",))
-    d.lay(reading.poses(q))
+            raise Refused(f"{name} cannot have an angle of {degrees:g} degrees: the linkage does not reach it", (f"links.{name}",))
+    d.set_poses(reading.poses(q))
 
 
 VERBS = (add_pin, add_bar, add_link, add_point, add_slide, join, ground, move, set_length, set_angle, observe)

@@ -28,35 +28,34 @@ TEXTS = ("title", "name", "format", "type", "law")  # keys of texts that name no
 
 def set_key(d: Drawing, message: Message) -> None:
     """Set the key at a path and remove a key that excludes it; delete the key if the value is null."""
-    path, given = message.get("path"), message.get("value")
+    path, value = message.get("path"), message.get("value")
     if not isinstance(path, str) or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*", path):
         raise Refused("a path consists of keys separated by dots", field="path")
     if path in ("format", "scenarios"):
         raise Refused(f"{path} cannot be set", field=path)
     *keys, last = path.split(".")
-    at: Any = d.document
+    entries: Any = d.document  # the table that has the key
     for key in keys:
-        at = at.setdefault(key, {}) if isinstance(at, dict) else None
-    if not isinstance(at, dict):
-        raise Refused(f"there is no {path}", field=path)
-    if given is None:
-        at.pop(last, None)
+        entries = entries.setdefault(key, {}) if isinstance(entries, dict) else None
+    if not isinstance(entries, dict):
+        raise Refused(f"the file has no {path}", field=path)
+    if value is None:
+        entries.pop(last, None)
     else:
-        at[last] = given
+        entries[last] = value
         for a, b in EITHER:
-            if last in (a, b) and a in at and b in at:
-                del at[b if last == a else a]
+            if last in (a, b) and a in entries and b in entries:
+                del entries[b if last == a else a]
     d.check()
 
 
 def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
-    """Return a copy of a parsed file, or of a value in it, with `change(text, key)` in place of every text and every key.
+    """Return a copy of a parsed file, or of a value x in it, with `change(text, key)` in place of every text and every key.
 
-    The values of the keys in TEXTS name nothing and stay.
+    Texts at the keys TEXTS stay, because they name no entry.
 
     Args:
-        change: function that returns the new text. Its second argument is the key whose value is the text, or contains it; for a
-            key of a table it is the key of that table.
+        change: function (text, key) -> new text, where `key` is the key whose value is the text, or is a list or table with it.
         key: key whose value is x; empty for the whole file, and for entries of groups, such as `links.A`, whose key is a name.
     """
     if isinstance(x, dict):
@@ -84,11 +83,11 @@ def rename(d: Drawing, message: Message) -> None:
     elif group == "forces" and name in d.group("cylinders"):
         group = "cylinders"
     if group not in GROUPS or name not in d.group(group):
-        raise Refused(f"there is no {id[:60]}", (id,), "what")
+        raise Refused(f"there is no part {id[:60]}", (id,), "what")
     taken = {*d.group(group)}
     if group == "links":
         taken.add("ground")
-    elif group in ("joints", "cylinders"):  # names of a driver or lock that must not be ambiguous
+    elif group in ("joints", "cylinders"):  # a driver names either by its key `joint`
         taken = {*d.group("joints"), *d.group("cylinders")}
     if to != name and to in taken:
         raise Refused(f"{to} is taken already", (id,), "to")
@@ -138,9 +137,9 @@ def _rename_pin(d: Drawing, name: str, to: str) -> None:
 
 def _rename_point(d: Drawing, link: str, old: str, new: str) -> None:
     """Rename a point of a link or of the ground, in the table of its owner and in all references."""
-    given = d.group("ground") if link == "ground" else d.link(link)
+    entries = d.group("ground") if link == "ground" else d.link(link)
     keys = ("points", "bars", "point", "from")  # keys of that table whose value is a point's name without the name of its owner
-    given.update(rewrite(given, lambda x, key: new if x == old and key in keys else x))
+    entries.update(rewrite(entries, lambda x, key: new if x == old and key in keys else x))
     d.document.update(rewrite(d.document, lambda x, key: f"{link}.{new}" if x == f"{link}.{old}" else x))
 
 
@@ -184,23 +183,23 @@ def _delete_pin(d: Drawing, name: str) -> None:
 
 def _delete_point(d: Drawing, link: str, point: str) -> None:
     """Delete a point of a link and the bars that end there; in a polygon of bars, a new bar joins the neighbours of the point."""
-    given = d.link(link)
-    given["points"] = {k: pair(x) for k, x in d.points(link).items() if k != point}
-    kept: list[list[str]] = []  # bars that do not end at the point
+    entries = d.link(link)
+    entries["points"] = {k: pair(x) for k, x in d.points(link).items() if k != point}
+    bars: list[list[str]] = []  # bars that do not end at the point
     neighbours: list[str] = []  # other ends of bars that do
-    for bar in sequence(given, "bars"):
+    for bar in sequence(entries, "bars"):
         if point in bar:
             neighbours += [x for x in bar if x != point]
         else:
-            kept.append(bar)
-    if len({*neighbours}) == len(neighbours) == 2 and not any({*neighbours} == {*bar} for bar in kept):
-        kept.append(neighbours)
-    if "bars" in given:
-        given["bars"] = kept or [[*given["points"]][:2]]  # at least one bar: between the first two points
+            bars.append(bar)
+    if len({*neighbours}) == len(neighbours) == 2 and not any({*neighbours} == {*bar} for bar in bars):
+        bars.append(neighbours)
+    if "bars" in entries:
+        entries["bars"] = bars or [[*entries["points"]][:2]]  # at least one bar: between the first two points
 
 
 def prune(d: Drawing) -> None:
-    """Delete all entries that refer to deleted parts, and joints and scenarios that are incomplete without these parts."""
+    """Delete all entries that refer to deleted parts, joints with fewer than two points, and scenarios that lost their drivers."""
     before = d.reading.document  # the file as it was read; d.document already lacks the deleted parts
     # each pass removes one entry with a fault that the file did not have before, which may leave other entries with a missing
     # reference; 1000 only bounds the loop
@@ -221,48 +220,48 @@ def prune(d: Drawing) -> None:
 
 def add_force(d: Drawing, message: Message) -> None:
     """Add a force with its default numbers, and let it act in the scenario "released", or else in the first one without drivers."""
-    word = str(message.get("type"))
-    given = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}
+    kind = str(message.get("type"))  # name of a force in the menu
+    entries = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}  # keys of the new table
     if "a" in message or "b" in message:
-        given["between"] = d.ends(message.get("a"), message.get("b"))
-    if word == "cylinder":
-        _add_cylinder(d, given)
+        entries["between"] = d.find_ends(message.get("a"), message.get("b"))
+    if kind == "cylinder":
+        _add_cylinder(d, entries)
         return
-    if word not in USUAL:
-        raise Refused(f"there is no force {word[:40]!r}; there are {', '.join(FORCES)}, cylinder", field="type")
+    if kind not in USUAL:
+        raise Refused(f"there is no force {kind[:40]!r}; there are {', '.join(FORCES)}, cylinder", field="type")
     for key in ("point", "origin"):
-        if isinstance(given.get(key), str):
-            given[key] = d.on_link(given[key])
-    name = d.fresh(word.partition("_")[0], "forces")
-    d.group("forces")[name] = USUAL[word] | given
+        if isinstance(entries.get(key), str):
+            entries[key] = d.point_on_link(entries[key])
+    name = d.new_name(kind.partition("_")[0], "forces")
+    d.group("forces")[name] = USUAL[kind] | entries
     d.check()
     d.made.append(f"forces.{name}")
-    for key, scenario in items(d.document, "scenarios"):
-        if key == RELEASED or (RELEASED not in d.group("scenarios") and not is_driven(scenario)):
+    for scenario_name, scenario in items(d.document, "scenarios"):
+        if scenario_name == RELEASED or (RELEASED not in d.group("scenarios") and not is_driven(scenario)):
             scenario["forces"] = [*sequence(scenario, "forces"), name]
             break
 
 
-def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
-    """Add a cylinder between two points, and give the file the second edition of the format; the first has no cylinders.
+def _add_cylinder(d: Drawing, entries: dict[str, Any]) -> None:
+    """Add a cylinder between the two points `entries["between"]`, and change the file to the second edition, which has cylinders.
 
     The cylinder is refused if the file has a damper that would act differently in the second edition.
     """
-    if len(sequence(given, "between")) != 2:
+    if len(sequence(entries, "between")) != 2:
         raise Refused("a cylinder lies between two points", field="a")
-    a, b = (d.place(str(x)) for x in given["between"])
-    # barrel and rod overlap by a fifth of the distance of the points
+    a, b = (d.place(str(x)) for x in entries["between"])
+    # barrel and rod, each 0.6 of the distance of the points, overlap by a fifth of it
     part = {"length": round_digits(max(0.6 * abs(b - a), 1e-3)), "kg_per_m": KG_PER_M}
-    name = d.fresh("cylinder", "cylinders", "joints")
+    name = d.new_name("cylinder", "cylinders", "joints")
     if d.document.get("format") == FORMAT:
         # the second edition damps a pin of three links in another way than the first
         for damper, force in items(d.document, "forces"):
             joint = table(d.document, "joints").get(str(force.get("joint")), {})
             if force.get("type") == "joint_damping" and len(sequence(joint, "at")) > 2:
-                text = f"a file of the first edition has no cylinders, and in the second edition {damper} would damp differently"
+                text = f"cylinders need the second edition of the format, in which the damper {damper} would act differently"
                 raise Refused(text, (f"forces.{damper}",))
     d.document["format"] = SECOND
-    d.group("cylinders")[name] = {"between": given["between"], "barrel": dict(part), "rod": dict(part)}
+    d.group("cylinders")[name] = {"between": entries["between"], "barrel": dict(part), "rod": dict(part)}
     d.check()
     d.made.append(f"forces.{name}")
 

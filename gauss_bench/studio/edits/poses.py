@@ -19,33 +19,33 @@ def find_four_bar(message: Message) -> tuple[FourBar, Pose]:
     if not isinstance(listed, list) or len(listed) != 3 or not all(isinstance(x, list) and len(x) == 3 for x in listed):
         raise Refused("three poses [x, y, degrees] are needed", field="poses")
     first, second, third = ((place(x[:2], "poses"), math.radians(number({"poses": x[2]}, "poses"))) for x in listed)
-    poses = (first, second, third)
+    poses = (first, second, third)  # each: place of the origin [m], angle [rad]
     key = "pivots" if "pivots" in message else "pins"
-    given = message.get(key)
-    if not isinstance(given, list) or len(given) != 2:
+    two = message.get(key)
+    if not isinstance(two, list) or len(two) != 2:
         raise Refused(f"two {key} [x, y] are needed", field=key)
-    places = [place(x, key) for x in given]
-    origin, angle = poses[0]
+    places = [place(x, key) for x in two]
+    origin, angle = first
     try:
         if key == "pivots":
-            return four_bar_of_pivots(poses, places), poses[0]
-        return four_bar_of_pins(poses, [(x - origin) * rect(1.0, -angle) for x in places]), poses[0]
+            return four_bar_of_pivots(poses, places), first
+        return four_bar_of_pins(poses, [(x - origin) * rect(1.0, -angle) for x in places]), first
     except NoFourBar as error:
         raise Refused(str(error), field=key) from error
 
 
 def describe_four_bar(message: Message) -> dict[str, Any]:
     """Return the reply with the four-bar that `synthesize` would draw, and its motion if either connection is driven."""
-    found, _ = find_four_bar(message)
+    four_bar, _ = find_four_bar(message)
     connections = [
         {
             "places": [pair(x) for x in connection.places],
             "pivot": pair(connection.pivot),
             "slide_deg": None if connection.direction is None else math.degrees(phase(connection.direction)),
         }
-        for connection in found.connections
+        for connection in four_bar.connections
     ]
-    return {"connections": connections, "drives": [{"fault": x.fault, "text": x.text, "travel": x.travel} for x in found.drives]}
+    return {"connections": connections, "drives": [{"fault": x.fault, "text": x.text, "travel": x.travel} for x in four_bar.drives]}
 
 
 def synthesize(d: Drawing, message: Message) -> None:
@@ -53,13 +53,13 @@ def synthesize(d: Drawing, message: Message) -> None:
 
     The origin of the pose becomes an observed point of the coupler, unless it is a pin.
     """
-    found, (origin, _) = find_four_bar(message)
-    first, second = (x.places[0] for x in found.connections)
+    four_bar, (origin, _) = find_four_bar(message)
+    first, second = (x.places[0] for x in four_bar.connections)  # places of the coupler's pins in the first pose
     add_bar(d, {"from": {"at": pair(first)}, "to": {"at": pair(second)}})
     coupler = d.made[0].removeprefix("links.")
     # the two pins of the coupler, in the order of the connections, in which `add_bar` has just made them
     pins = [x.id for x in d.pins.values() if coupler in map(owner, x.members)]
-    for pin, connection in zip(pins, found.connections, strict=True):
+    for pin, connection in zip(pins, four_bar.connections, strict=True):
         pivot = pair(connection.pivot)
         if connection.direction is None:
             add_bar(d, {"from": {"at": pivot, "ground": True}, "to": {"pin": pin}})

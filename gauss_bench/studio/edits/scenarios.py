@@ -34,7 +34,7 @@ def drive(d: Drawing, message: Message) -> None:
     `off: true` removes the driver instead, and the scenario with its last driver.
     """
     scenarios = d.group("scenarios")
-    scenario, coordinate = scenarios.get(DRIVEN, {}), _find_coordinate(d, message.get("coordinate"))
+    scenario, coordinate = scenarios.get(DRIVEN, {}), _name_coordinate(d, message.get("coordinate"))
     drivers = [x for x in drivers_of(scenario) if not coordinate.items() <= x.items()]
     if not message.get("off"):
         law = {k: x for k, x in message.items() if k not in ("id", "do", "coordinate", "off", "duration", "scenario")}
@@ -58,16 +58,16 @@ def drive(d: Drawing, message: Message) -> None:
     d.made.append(f"scenarios.{DRIVEN}")
 
 
-def _find_coordinate(d: Drawing, given: Any) -> dict[str, Any]:
+def _name_coordinate(d: Drawing, choice: Any) -> dict[str, Any]:
     """Return the part of a driver's table that names its coordinate: {"link": name}, {"joint": name} or {"between": [a, b]}.
 
     Args:
-        given: a value of a message: the name of a link or slide, `{"name": name}`, or `{"between": [a, b]}` for a distance.
+        choice: a value of a message: the name of a link or slide, `{"name": name}`, or `{"between": [a, b]}` for a distance.
     """
-    if isinstance(given, dict) and "between" in given:
-        a, b, *_ = [*sequence(given, "between"), None, None]
-        return {"between": d.ends(a, b)}
-    name = given.get("name") if isinstance(given, dict) else given
+    if isinstance(choice, dict) and "between" in choice:
+        a, b, *_ = [*sequence(choice, "between"), None, None]  # None for a missing one, which `find_ends` refuses
+        return {"between": d.find_ends(a, b)}
+    name = choice.get("name") if isinstance(choice, dict) else choice
     if isinstance(name, str) and name in d.group("links"):
         return {"link": name}
     if isinstance(name, str) and table(expand_cylinders(d.document).get("joints", {}), name).get("type") == "prismatic":
@@ -87,7 +87,7 @@ def coordinate_of(mechanism: Mechanism, driver: Mapping[str, Any]) -> Coordinate
         return None
 
 
-def place_of(reading: Reading, driver: Mapping[str, Any]) -> float | None:
+def drawn_value(reading: Reading, driver: Mapping[str, Any]) -> float | None:
     """Return the value [rad, m] of a driver's coordinate in the drawing, or None if the linkage lacks the coordinate."""
     mechanism = reading.mechanism
     coordinate = None if mechanism is None else coordinate_of(mechanism, driver)
@@ -106,12 +106,12 @@ def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] |
     scenario = table(table(document, "scenarios"), DRIVEN)
     drivers = drivers_of(scenario)
     for driver in drivers:
-        place = place_of(reading, driver)
-        is_asked = only is None or only.items() <= driver.items()
-        if place is not None and is_asked and not {"start", "start_deg"} & driver.keys():
+        drawn = drawn_value(reading, driver)
+        is_chosen = only is None or only.items() <= driver.items()
+        if drawn is not None and is_chosen and not {"start", "start_deg"} & driver.keys():
             key, unit = ("start_deg", UNITS["_deg"]) if "link" in driver else ("start", 1.0)
-            driver[key] = round_digits(place * unit)
-    start = free_start(reading, drivers) if reading.closed else {}
+            driver[key] = round_digits(drawn * unit)
+    start = make_start(reading, drivers) if reading.closed else {}
     for key in ("driver", "drivers", "start"):
         scenario.pop(key, None)
     if len(drivers) == 1 and not start:
@@ -122,8 +122,11 @@ def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] |
         scenario["start"] = start
 
 
-def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
-    """Return the table `start` of a scenario that starts at rest in the drawn position."""
+def make_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
+    """Return the table `start` of a scenario that starts at rest in the drawn position; empty without a mechanism.
+
+    It prescribes those coordinates that best determine all others, as many as the drivers leave free.
+    """
     mechanism, joints, q = reading.mechanism, reading.joints, reading.q
     if mechanism is None or joints is None:
         return {}
@@ -133,29 +136,30 @@ def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
     start: dict[str, Any] = {}
     for chosen in choose_held(mechanism, q, free):
         table_name, unit = ("angles_deg", UNITS["_deg"]) if chosen.kind == "angle" else (chosen.tables[0], 1.0)
-        values = [round_digits(value(x, q) * unit) for x in chosen.coordinates]  # x and y of a point, one of others
+        values = [round_digits(value(x, q) * unit) for x in chosen.coordinates]  # two of a point, one of any other kind
         start.setdefault(table_name, {})[chosen.name] = values if chosen.kind == "point" else values[0]
     return start
 
 
-def release(document: Document, reading: Reading) -> None:
+def start_released(document: Document, reading: Reading) -> None:
     """Let the scenario "released", in which the linkage moves without drivers, start at rest in the drawn position.
 
-    It is added if the file has no scenario but "driven". If the drawn joints do not close, the present start stays.
+    The scenario is added if the file has no scenario but "driven". If the drawn joints do not close, the present start stays.
     """
     is_wanted = {*table(document, "scenarios")} <= {DRIVEN} or RELEASED in document["scenarios"]
     if reading.mechanism is None or not is_wanted:
         return
     scenarios = document.setdefault("scenarios", {})
-    kept = scenarios.get(RELEASED, {"duration": FREE, "forces": [*table(document, "forces")]})
-    start = free_start(reading, []) if reading.closed else kept.get("start", {})
-    scenarios[RELEASED] = {k: x for k, x in kept.items() if k != "start"} | {"start": start}
+    present = scenarios.get(RELEASED, {"duration": FREE, "forces": [*table(document, "forces")]})
+    start = make_start(reading, []) if reading.closed else present.get("start", {})
+    scenarios[RELEASED] = {k: x for k, x in present.items() if k != "start"} | {"start": start}
 
 
-def follow(document: Document, old: Reading, new: Reading) -> None:
-    """Set each start value that was that of the old drawing, up to whole turns, to that of the new one with the same turns.
+def update_starts(document: Document, old: Reading, new: Reading) -> None:
+    """Change the start values of all scenarios but "released" from the old drawing to the new one.
 
-    Other start values stay.
+    A start value that was equal to its coordinate in the old drawing, up to whole turns, is set to the coordinate in the new one,
+    with the same turns. Other start values stay.
     """
     if old.mechanism is None or new.mechanism is None or not (old.closed and new.closed):
         return
@@ -174,7 +178,7 @@ def follow(document: Document, old: Reading, new: Reading) -> None:
             coordinate: table that names the coordinate as a driver's table does, such as {"link": "crank"}.
             unit: number that the file has for 1 rad or 1 m under this key.
         """
-        before, after, x = place_of(old, coordinate), place_of(new, coordinate), entry.get(key)
+        before, after, x = drawn_value(old, coordinate), drawn_value(new, coordinate), entry.get(key)
         if before is None or after is None or not isinstance(x, (int, float)):
             return
         away = x / unit - before
@@ -184,7 +188,7 @@ def follow(document: Document, old: Reading, new: Reading) -> None:
 
     for name, scenario in items(document, "scenarios"):
         start = table(scenario, "start")
-        if name == RELEASED:  # `release` sets its start
+        if name == RELEASED:  # `start_released` sets its start
             continue
         for ending, unit in UNITS.items():
             for driver in drivers_of(scenario):

@@ -9,7 +9,7 @@ from gauss_bench.studio.edits.drawing import Drawing
 from gauss_bench.studio.edits.geometry import GEOMETRY, move
 from gauss_bench.studio.edits.keys import KEYS, lock_of
 from gauss_bench.studio.edits.poses import synthesize
-from gauss_bench.studio.edits.scenarios import drive, follow, release
+from gauss_bench.studio.edits.scenarios import drive, start_released, update_starts
 from gauss_bench.studio.messages import Message, Refused, number, place
 from gauss_bench.studio.reading import Reading, read
 from gauss_bench.studio.session import Session
@@ -36,15 +36,15 @@ def edit_document(session: Session, change: Callable[[Drawing], object], moves: 
     change(d)
     if moves:
         _check_locks(session.locks, d)
-        d.sketch()  # writes the changed places into the document, from which `read` closes the joints
+        d.write_sketch()  # writes the changed places into the document, from which `read` closes the joints
     else:
         d.tidy()
     after = read(d.document, starts=False)
     if moves and after.closed:
-        Drawing(d.document, after).sketch()
-        follow(d.document, before, after)
-    release(d.document, after)
-    session.put(write_document(session.text, d.document), session.locks)
+        Drawing(d.document, after).write_sketch()
+        update_starts(d.document, before, after)
+    start_released(d.document, after)
+    session.replace(write_document(session.text, d.document), session.locks)
     return d.made
 
 
@@ -63,20 +63,20 @@ def try_move(session: Session, message: Message) -> Reading:
     d = Drawing(session.document, session.reading)
     move(d, message)
     _check_locks(session.locks, d)
-    d.sketch()
+    d.write_sketch()
     return read(d.document, starts=False)
 
 
 def _check_pin(locks: frozenset[str], message: Message) -> None:
-    """Check that the pin that a message of the page names is not locked."""
-    given = message.get("pin")  # the id of a pin, {"pin": id}, or the place of a new pin
-    pin = given.get("pin") if isinstance(given, dict) else given
+    """Refuse a message that names a locked pin."""
+    choice = message.get("pin")  # the id of a pin, {"pin": id}, or the place of a new pin
+    pin = choice.get("pin") if isinstance(choice, dict) else choice
     if f"pins.{pin}" in locks:
         raise Refused(f"pin {pin} is locked", (f"pins.{pin}",))
 
 
 def _check_locks(locks: frozenset[str], d: Drawing) -> None:
-    """Check that locked lengths have not changed."""
+    """Refuse an edit that has changed a locked length by more than LENGTH."""
     before = Drawing(d.reading.document, d.reading)
     for lock in sorted(x for x in locks if x.startswith("links.") and ":" in x):  # a locked length: "links.LINK:A-B"
         link, _, ends = lock.removeprefix("links.").partition(":")
@@ -90,28 +90,28 @@ def _check_locks(locks: frozenset[str], d: Drawing) -> None:
 
 def redraw(session: Session, q: Array) -> None:
     """Redraw the linkage at other positions q (n,), at which its joints are closed."""
-    edit_document(session, lambda d: d.lay(d.reading.poses(q)))
+    edit_document(session, lambda d: d.set_poses(d.reading.poses(q)))
 
 
 def lock(session: Session, message: Message) -> None:
     """Lock a pin, a slide, a length or an angle; with `on` false, free it."""
     id = lock_of(Drawing(session.document, session.reading), message)
     locks = session.locks | {id} if message.get("on", True) else session.locks - {id}
-    session.put(session.text, locks)
+    session.replace(session.text, locks)
 
 
-def picture(session: Session, message: Message) -> None:
+def set_picture(session: Session, message: Message) -> None:
     """Set, move or remove the picture behind the grid."""
-    given = message.get("picture")
-    if given is None:
-        session.lay(None)
+    entries = message.get("picture")
+    if entries is None:
+        session.set_picture(None)
         return
-    if not isinstance(given, dict):
+    if not isinstance(entries, dict):
         raise Refused("a picture has a place and a size", field="picture")
-    at, width, height = place(given.get("at")), number(given, "width"), number(given, "height")
+    at, width, height = place(entries.get("at")), number(entries, "width"), number(entries, "height")
     if not (1e-6 <= width <= 1e5 and 1e-6 <= height <= 1e5):
         raise Refused("a picture is at least 1e-6 m and at most 1e5 m wide and high", field="width")
-    url = given.get("url", session.picture and session.picture.url)
+    url = entries.get("url", session.picture and session.picture.url)  # without one, the present picture is moved
     if not isinstance(url, str) or not url.startswith(PICTURES):
         raise Refused("a picture is PNG, JPEG, WebP or GIF", field="picture")
-    session.lay(Picture(url, (at.real, at.imag), width, height))
+    session.set_picture(Picture(url, (at.real, at.imag), width, height))

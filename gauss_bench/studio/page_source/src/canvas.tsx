@@ -1,4 +1,4 @@
-// The drawing area: grid, picture, paths, linkage, ghost, what is being drawn; pointer, touch and keyboard.
+// The drawing area: grid, picture, paths, linkage, second motion, present picks; pointer, touch and keyboard.
 import { batch, signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
@@ -20,13 +20,13 @@ import { amount } from "./units";
 import { onGrid, pan, size, steps, toScreen, toWorld, view, zoom } from "./view";
 
 export const names = signal(false);
-const cursor = signal<XY | null>(null); // the keyboard's cross, in the world
+const cursor = signal<XY | null>(null); // place of the keyboard's cross in the world
 const reshaped = signal<{ pin: string; at: XY } | null>(null);
 
-// Dragging: the newest place only, the next one when the last answer has come.
+// Dragging: only the newest place of the pointer is sent, after the reply to the last one.
 let drag: { on: boolean; next: XY | null; waiting: boolean; ended: null | boolean; over: () => void } | null = null;
-let going = 0; // drags that are not over
-let last = Promise.resolve(); // until the drag before is over: the server knows one at a time
+let going = 0; // number of drags that have not ended
+let last = Promise.resolve(); // resolves when the previous drag has ended, because the server has one drag at a time
 
 async function beginDrag(pin: string, at: XY): Promise<void> {
   still();
@@ -100,15 +100,15 @@ function endDrag(keep: boolean): void {
   if (drag.on) void pull(drag);
 }
 
-/** Whether a pin that is pulled takes the linkage along; else pulling it changes lengths. */
+/** Whether dragging a pin moves the linkage; otherwise it changes lengths. */
 const movable = (pin: Pin): boolean => !pin.ground && scene.value!.status.assembles && (scene.value!.status.dof ?? 0) > 0;
 
-// Arrow keys pull the chosen pin for as long as one is held: many steps, one drag.
+// All steps of an arrow key that is held belong to one drag of the selected pin.
 let led: { pin: string; at: XY; held: boolean } | null = null;
 
 function lead(pin: Pin, by: XY): void {
   if (!led?.held || led.pin !== pin.id || !drag) {
-    const at = going && led?.pin === pin.id ? led.at : placed.value!.pin(pin); // what was tapped before may not be on show yet
+    const at = going && led?.pin === pin.id ? led.at : placed.value!.pin(pin); // the poses after earlier key presses may not be shown yet
     led = { pin: pin.id, at, held: true };
     void beginDrag(pin.id, at);
   }
@@ -123,7 +123,7 @@ function leave(): void {
   led.held = false;
 }
 
-// A pin that is put elsewhere: the links are shown as they would be, again the newest place only.
+// Moving a pin: the links are shown as they would be after the move; again only the newest place is sent.
 let trying: XY | null = null;
 let tested = false;
 
@@ -145,7 +145,7 @@ async function tryOut(): Promise<void> {
   tested = false;
 }
 
-/** Ends it: at the place where the pin is, or as nothing had been. */
+/** Ends the move: makes it, or leaves the drawing unchanged. */
 function endReshape(keep: boolean): void {
   const now = reshaped.value;
   reshaped.value = trying = null;
@@ -175,9 +175,9 @@ export function Canvas(): JSX.Element {
       const seen = inView();
       size.value = [box.width, box.height];
       if (first || settling()) show();
-      else if (tool.value === "select" && !pressed) { // else what is being drawn or pulled stays under the pointer
+      else if (tool.value === "select" && !pressed) { // otherwise the drawn or dragged part stays under the pointer
         pan(dx, dy);
-        if (seen) follow(); // the curves open, or the window gets smaller: what was seen whole stays so
+        if (seen) follow(); // if the curves open or the window gets smaller, a sketch that was shown as a whole still is
       }
     });
     watch.observe(svg);
@@ -256,7 +256,7 @@ export function Canvas(): JSX.Element {
     } else if (pressed.mode === "draw") hover.value = look(e);
   };
 
-  /** A drag with the arrow: a joint that can move is pulled; a fixed one, or one of a linkage that is not whole, is put elsewhere. */
+  /** Begins a drag with Select: a joint that can move is dragged; a fixed joint, or one of a linkage that does not assemble, is moved. */
   const startPull = (e: PointerEvent): void => {
     const { hit } = pressed!;
     const grip = hit.pin ?? nearestOf(hit, here(e));
@@ -307,7 +307,7 @@ export function Canvas(): JSX.Element {
     pressed = null;
   };
 
-  /** Chooses one thing or nothing; with `more` one thing more, or one less. */
+  /** Selects one part or nothing; with `more`, adds the part to the selection or removes it. */
   const select = (over: Picked | null, more: boolean): void => {
     const had = selection.value;
     if (!over || !more) selection.value = over ? [over] : more ? had : [];
@@ -454,7 +454,7 @@ function Paths(): JSX.Element | null {
   );
 }
 
-/** The velocities of the observed points at the instant on show, the longest of each along its way eighty pixels long. */
+/** The velocities of the observed points at the shown time; the largest velocity of each point is 80 pixels long. */
 function Velocities(): JSX.Element | null {
   const now = motion.value;
   const points = placed.value;
@@ -483,7 +483,7 @@ function Vector({ hue, from, by, most }: { hue: number; from: XY; by: XY | undef
   );
 }
 
-/** Where the motion is singular: a diamond on each moving joint of the link or slide that stands still or turns back there. */
+/** Singular positions: a diamond on each moving joint of the link or slide that stands still or reverses there. */
 function Singular({ spot: { coordinate, poses } }: { spot: { coordinate: string; poses: Poses } }): JSX.Element {
   const { links, pins, slides } = scene.value!;
   const slider = slides.find((s) => s.id === coordinate)?.block.split(".")[0];
@@ -523,7 +523,7 @@ function Reshape(): JSX.Element | null {
   );
 }
 
-/** The instant centres of every two links, by their numbers; of links that are chosen, theirs alone. */
+/** The instant centres of all pairs of links, with the numbers of the links; if links are selected, only those of these links. */
 function Centres(): JSX.Element {
   const order = ["ground", ...(scene.value?.links.map((l) => l.name) ?? [])];
   const few = selection.value.filter((p) => p.kind === "link").map((p) => p.id);
@@ -548,14 +548,14 @@ function Centres(): JSX.Element {
   );
 }
 
-/** What is being drawn: picks, the rubber band with its length and angle, and where the next pick would lie. */
+/** The present picks, the rubber band with its length and angle, and the place of the next pick. */
 function Drawn(): JSX.Element | null {
   const list = picks.value;
   const next = hover.value;
   const last = list.at(-1);
   const drawing = tool.value !== "select" && tool.value !== "reshape";
   const [nx, ny] = next ? toScreen(next.at) : [0, 0];
-  // three poses are pairs of places, drawn by themselves: only the pair that is being placed has a rubber band
+  // `Poses` draws the pairs of places of the three poses; only an unfinished pair has a rubber band
   const band = tool.value !== "poses" ? list : list.length < 6 && list.length % 2 ? list.slice(-1) : [];
   const points = [...band.map((p) => p.at), ...(next && band.length ? [next.at] : [])].map(toScreen);
   const d = points.map((p, i) => `${i ? "L" : "M"}${p[0]} ${p[1]}`).join("");
@@ -581,7 +581,7 @@ function Drawn(): JSX.Element | null {
 
 const TOOL_OF_KEY = new Map(TOOLS.map((t) => [t.key, t.id]));
 
-/** Keys that work everywhere but in fields. */
+/** Handles keys that work everywhere except in fields. */
 export function shortcuts(e: KeyboardEvent): void {
   const field = (e.target as HTMLElement | null)?.closest?.("input,textarea,select,dialog");
   if ((e.ctrlKey || e.metaKey) && !e.altKey) {

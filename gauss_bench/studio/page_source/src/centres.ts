@@ -1,4 +1,4 @@
-// Instant centres of what is on show: of a sketch where it is drawn, of a drag with each of its frames, of a motion all along it at once.
+// Instant centres: of the drawing in its pose, of each frame of a drag, and of all samples of a motion in one request.
 import { computed, effect, signal } from "@preact/signals";
 import { apart, between } from "./geometry";
 import type { Centre, Motion, Scene, XY } from "./protocol";
@@ -10,13 +10,13 @@ interface Course {
   at: (XY | null)[];
 }
 
-const MOST = 20_000; // poses of a request: longer motions are sent thinned out
-const RUNS = 0.25; // of the window, from one sample to the next: a centre that runs off to infinity and comes back from the other side
+const MOST = 20_000; // largest number of poses in a request; of a longer motion only every nth sample is sent
+const RUNS = 0.25; // share of the window; a centre that moves farther between two samples passes through infinity and is not interpolated
 const sketched = signal<{ of: Scene; list: Centre[] } | null>(null);
 const along = signal<{ of: Motion; times: number[]; list: Course[] } | null>(null);
-export const pulled = signal<Centre[] | null>(null); // of the frame of a drag on show
+export const pulled = signal<Centre[] | null>(null); // centres of the present frame of a drag
 
-/** Those of the frame on show; none until they are known. */
+/** The instant centres of the shown pose; empty until the server has sent them. */
 export const centres = computed<Centre[]>(() => {
   if (!showCentres.value || trial.value) return [];
   if (dragged.value) return pulled.value ?? [];
@@ -35,7 +35,7 @@ export const centres = computed<Centre[]>(() => {
 let asking = false;
 let again = false;
 
-/** Asks for what is on show, and once more if that has become another meanwhile. */
+/** Requests the centres of the shown drawing or motion, and again if another one is shown meanwhile. */
 async function find(): Promise<void> {
   again = asking;
   if (asking) return;

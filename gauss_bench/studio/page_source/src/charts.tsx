@@ -1,4 +1,4 @@
-// Curves over time: scales with ticks, a cursor that reads them, and the table of all of them.
+// Curves over time: axes with ticks, a cursor that shows values, and the table of all curves.
 import type { JSX } from "preact";
 import { useMemo, useRef } from "preact/hooks";
 import type { Motion, XY } from "./protocol";
@@ -14,19 +14,19 @@ interface Curve {
 export interface Chart {
   id: string;
   title: string;
-  unit: string; // that is shown
-  log?: boolean; // on a scale of powers of ten
+  unit: string; // the shown unit
+  log?: boolean; // whether the scale is logarithmic
   curves: Curve[];
 }
 
-const FLAT = 1e-9; // of its size: a curve that changes by less is level
-const SHOWN = 6; // curves of a chart: as many as there are colours
+const FLAT = 1e-9; // relative to its size: a curve that changes by less is drawn as constant
+const SHOWN = 6; // largest number of curves in a chart, which is the number of colours
 
 const lengths = (list: ([number | null, number | null] | number | null)[] | null): Values =>
   (list ?? []).map((v) => (typeof v === "number" ? v : v && v[0] !== null && v[1] !== null ? Math.hypot(v[0], v[1]) : null));
 const isKnown = (v: number | null): v is number => v !== null && Number.isFinite(v);
 
-/** Everything that a motion has over time, in the units on show. */
+/** Returns the charts of all curves of a motion, in the shown units. */
 export function charts(now: Motion): Chart[] {
   const points = Object.entries(now.points);
   const chart = (id: string, title: string, unit: string, curves: Curve[]): Chart => ({
@@ -47,7 +47,7 @@ export function charts(now: Motion): Chart[] {
 
 const cell = (text: string): string => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
 
-/** The table of a motion: time, input, places of the observed points, and every curve of every chart. */
+/** Returns the table of a motion as CSV: time, input, places of the observed points, and every curve of every chart. */
 export function csv(now: Motion, list: Chart[]): string {
   const place = (i: 0 | 1, p: XY[]): Values => p.map((at) => inShown(at[i], "m"));
   const turns = now.input?.unit === "rad";
@@ -61,8 +61,8 @@ export function csv(now: Motion, list: Chart[]): string {
   return [columns.map(([head]) => cell(head)).join(","), ...rows, ""].join("\n");
 }
 
-/** Values are cut where they run away near a singular position: the 2nd and the 98th percentile and a margin bound the picture.
- *  What changes by rounding alone is level, on a scale from zero. */
+/** Returns the range of the vertical axis: the 2nd to the 98th percentile and a margin, which cut large values near singular positions.
+ *  A curve that changes only by rounding gets a range from zero. */
 function bounds(curves: Curve[]): [number, number] {
   const all = curves.flatMap((c) => c.values.filter(isKnown)).sort((a, b) => a - b);
   const at = (share: number): number => all[Math.round(share * (all.length - 1))] ?? 0;
@@ -76,7 +76,7 @@ function bounds(curves: Curve[]): [number, number] {
   return [Math.min(from, from > 0 && from < gap ? 0 : from), to + 0.06 * gap];
 }
 
-/** Round numbers from `low` to `high`, at most about `most` of them: 1, 2 and 5 times powers of ten apart. */
+/** Returns round numbers from `low` to `high`, about `most` of them at most, with distances of 1, 2 or 5 times a power of ten. */
 function ticks(low: number, high: number, most: number, least = 0): number[] {
   const wanted = Math.max((high - low) / most, least, 1e-300);
   const power = 10 ** Math.floor(Math.log10(wanted));
@@ -86,10 +86,10 @@ function ticks(low: number, high: number, most: number, least = 0): number[] {
   return Array.from({ length: Math.min(Math.max(count, 0), 2 * most + 2) }, (_, k) => Number(((first + k) * step).toPrecision(12)));
 }
 
-/** A round number with all of its digits, so that no two marks look alike. */
+/** Returns a round number with all of its digits, so that no two ticks have the same label. */
 const mark = (v: number): string => (v !== 0 && (Math.abs(v) >= 1e5 || Math.abs(v) < 1e-4) ? v.toExponential() : String(v));
 
-/** The value between two samples; null where one of them is missing. */
+/** Returns the value at a time by linear interpolation; null if one of the two samples is missing. */
 function valueAt(values: Values, times: number[], at: number): number | null {
   const [i, share] = sampled(times, at);
   const a = values[i] ?? null;
@@ -100,12 +100,12 @@ function valueAt(values: Values, times: number[], at: number): number | null {
 interface Plotted {
   chart: Chart;
   times: number[];
-  at: number; // where the cursor reads
-  look: (at: number | null) => void; // the mouse is over an instant, or has left
-  go: (at: number) => void; // pressed, dragged or led by keys to an instant
+  at: number; // time of the cursor [s]
+  look: (at: number | null) => void; // called with the time under the mouse, or null when it leaves
+  go: (at: number) => void; // called with the time that a click, a drag or a key chooses
 }
 
-/** One chart. The plot is a slider: the arrows lead its cursor from sample to sample, a finger or a pressed mouse draws it along. */
+/** One chart. The plot is a slider: arrow keys move its cursor from sample to sample, and a finger or a pressed mouse drags it. */
 export function Plot({ chart, times, at, look, go }: Plotted): JSX.Element {
   const end = times.at(-1) || 1;
   const curves = useMemo(() => chart.curves.slice(0, SHOWN), [chart.curves]);

@@ -1,4 +1,4 @@
-// What opens over the page: gallery and files, save, export and share, other assemblies, help.
+// The dialogs: gallery and files, save, export and share, other assemblies, help.
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useState } from "preact/hooks";
@@ -29,18 +29,18 @@ const drawings = signal<Record<string, string>>({});
 let wanted: string[] = [];
 let fetching = false;
 
-/** Asks for the drawings that cards want, one at a time, so that a click never waits for more than one of them. */
+/** Requests the drawings of cards one by one, so that the reply to a click waits for one drawing at most. */
 async function fetchDrawings(): Promise<void> {
   if (fetching) return;
   fetching = true;
   for (let name = wanted.shift(); name !== undefined; name = wanted.shift()) {
-    const reply = await ask("drawing", { name }).catch(() => null); // a card without a drawing still says what it is
+    const reply = await ask("drawing", { name }).catch(() => null); // a card without a drawing still has its title
     drawings.value = { ...drawings.value, [name]: String(reply?.svg ?? "") };
   }
   fetching = false;
 }
 
-/** A linkage of the gallery; its drawing is asked for while the card is there. */
+/** A card of the gallery with a linkage; its drawing is requested while the card is shown. */
 function Card({ entry, go }: { entry: Template; go: () => unknown }): JSX.Element {
   const drawing = entry.drawing ?? drawings.value[entry.name] ?? "";
   useEffect(() => {
@@ -162,7 +162,7 @@ function Save(): JSX.Element {
 }
 
 const KINDS: [string, string, string][] = [
-  ["toml", "Linkage file", "what the suite takes"],
+  ["toml", "Linkage file", "read by every command of the suite"],
   ["svg", "Drawing", "SVG"],
   ["csv", "Motion", "table, CSV"],
   ["gif", "Animation", "GIF"],
@@ -203,7 +203,7 @@ function Export(): JSX.Element {
     <Sheet title="Share and export">
       <LookLink />
       <h3>A link to open in a studio</h3>
-      <p class="note">A link carries the whole linkage in itself; nothing is sent anywhere. Whoever runs a studio opens it by adding what begins with the # sign to the address of his own.</p>
+      <p class="note">The link contains the whole linkage, and nothing is sent to a server. To open it in another studio, append the part from the # sign on to the address of that studio.</p>
       <div class="row">
         <button type="button" class="strong" onClick={() => void share()}>
           Make a link
@@ -237,9 +237,9 @@ function Branches(): JSX.Element {
   }, []);
   return (
     <Sheet title="Other assemblies">
-      <p class="note">The same links with the input held, put together otherwise. Point at one to see it, click to take it.</p>
+      <p class="note">Other assemblies of the same links at the same angle of the input. Point at one to see it, and click to choose it.</p>
       {!list && said.value?.level !== "error" && <p class="note">Looking for them …</p>}
-      {list?.length === 0 && <p class="note">There is no other.</p>}
+      {list?.length === 0 && <p class="note">There is no other assembly.</p>}
       <ul class="chips">
         {list?.map((branch, index) => (
           <li key={index}>
@@ -260,15 +260,15 @@ function Branches(): JSX.Element {
 }
 
 const KEYS: [string, string][] = [
-  ["Arrows", "move the cross that draws and chooses; with a pin chosen, pull the pin (Select) or put it elsewhere (Reshape); with Shift five steps"],
-  ["Enter", "click with the cross, with Shift to choose one thing more; end a link of three or more corners"],
-  ["Esc", "let go, put the tool away, select nothing"],
+  ["Arrows", "move the cross; if a pin is selected, drag the pin (Select) or place it elsewhere (Reshape); with Shift, move five steps"],
+  ["Enter", "click at the cross; with Shift, add to the selection; end a link of three or more corners"],
+  ["Esc", "end a drag, leave the tool, select nothing"],
   ["Space", "play and pause"],
-  ["Del", "delete what is selected"],
+  ["Del", "delete the selected parts"],
   ["Ctrl+Z, Ctrl+Shift+Z", "undo, redo"],
   ["Ctrl+S, Ctrl+O", "save, open"],
   ["+, -, 0", "zoom in, out, fit"],
-  ["Alt", "hold it to leave the grid"],
+  ["Alt", "hold it to ignore the grid"],
   ["Shift", "while dragging a joint: change lengths instead of moving"],
 ];
 
@@ -298,8 +298,8 @@ function Help(): JSX.Element {
       </dl>
       <h3>What is not saved</h3>
       <p class="note">
-        It is kept by the studio on this machine with every change, and offered again should the studio or the browser end without saving, at whatever port it is started next: what belongs to
-        a file when that is opened, a new drawing when the studio is started in the same folder.
+        The studio keeps unsaved changes on this machine. If the studio or the browser ends without saving, the changes are offered again: those of a file when
+        the file is opened, those of a new drawing when a studio is started in the same folder.
       </p>
       <div class="row">
         <button type="button" class="quiet" onClick={() => { close(); touring.value = 0; }}>
@@ -312,14 +312,14 @@ function Help(): JSX.Element {
 }
 
 
-/** The tool for a picture: reads one, lays it across the window, and scales it by two points and their distance. */
+/** The tool for a picture: reads the picture, fits it to the window, and scales it by two points and their distance. */
 export function PictureBar(): JSX.Element | null {
   const [pair, setPair] = useState<[[number, number], [number, number]] | null>(null);
   const [metres, setMetres] = useState<number | null>(null);
   if (tool.value !== "picture") return null;
   const read = (file: File | undefined): void => {
     if (!file) return;
-    if (file.size > 1_300_000) return say("The picture has more than 1.3 MB: a smaller one serves as well.", "error");
+    if (file.size > 1_300_000) return say("The picture has more than 1.3 MB: choose a smaller one.", "error");
     const reader = new FileReader();
     reader.onload = () => {
       const data = String(reader.result);
@@ -340,11 +340,11 @@ export function PictureBar(): JSX.Element | null {
   const picture = scene.value?.picture;
   const apply = async (): Promise<void> => {
     if (!picture || !pair || hasRefused(".picturebar")) return;
-    if (!(metres! > 0)) return say("The distance of the two points is a positive length.", "error");
+    if (!(metres! > 0)) return say("The distance of the two points must be positive.", "error");
     const [a, b] = pair;
     const f = metres! / Math.hypot(b[0] - a[0], b[1] - a[1]);
     const at = [a[0] + f * (picture.at[0] - a[0]), a[1] + f * (picture.at[1] - a[1])];
-    await edit("picture", { picture: { at, width: picture.width * f, height: picture.height * f } }); // the picture itself is there
+    await edit("picture", { picture: { at, width: picture.width * f, height: picture.height * f } }); // without a URL the server changes place and size of the present picture
     setPair(null);
     setMetres(null);
     choose("select");

@@ -1,4 +1,4 @@
-// A file that the browser writes to disk.
+// Offers a file as a download of the browser.
 export function download(name: string, content: BlobPart, type: string): void {
   const url = URL.createObjectURL(new Blob([content], { type }));
   const link = document.createElement("a");

@@ -1,4 +1,4 @@
-// The linkage as engineers draw it: bars, plates, pins, ground, slides, springs, dampers, torques, forces. Lines keep their width at any zoom.
+// Draws the linkage with the symbols of engineering: bars, plates, pins, ground, slides, springs, dampers, torques, forces. Lines keep their width at any zoom.
 import type { JSX } from "preact";
 import { apart, between, direction, fromSegment, hull, middle } from "./geometry";
 import type { Placed } from "./geometry";
@@ -202,7 +202,7 @@ function Label({ link, at }: { link: Link; at: Placed }): JSX.Element {
   const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
   const [a, b] = [sorted[0]!, sorted.at(-1)!];
   const straight = points.every((p) => fromSegment(p, a, b).distance < 1e-3 * apart(a, b));
-  const [x, y] = toScreen(straight ? between(a, b, 0.3) : middle(points)); // bars that cross do so halfway
+  const [x, y] = toScreen(straight ? between(a, b, 0.3) : middle(points)); // not in the middle, where crossing bars meet
   const steep = points.length > 1 && Math.abs(Math.sin(direction(points[0]!, points[1]!))) > 0.6;
   return (
     <text class="name" x={x + (steep ? 12 : 0)} y={y + (steep ? 4 : -12)} text-anchor={steep ? "start" : "middle"}>

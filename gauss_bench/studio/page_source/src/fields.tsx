@@ -1,4 +1,4 @@
-// Fields that hold one value of the file each: shown as it stands, sent when the user has finished.
+// Fields for one value of the file each, which is sent when the user has finished typing.
 import type { ComponentChildren, JSX } from "preact";
 import { useId, useState } from "preact/hooks";
 import { Sign } from "./icons";
@@ -7,7 +7,7 @@ import { amount, inShown, read, refusal, shownUnit } from "./units";
 interface Numeric {
   label: string;
   value: number | null | undefined;
-  unit?: string; // of the value, as the file has it
+  unit?: string; // unit of the value in the file
   empty?: string;
   send: (value: number | null) => unknown;
   children?: ComponentChildren;
@@ -15,14 +15,14 @@ interface Numeric {
 
 interface Entered {
   label: string;
-  name?: string; // with the unit, for those who hear it
+  name?: string; // name with unit for screen readers
   shown: string;
-  finish: (draft: string) => string | void; // why the draft is refused
+  finish: (draft: string) => string | void; // returns the reason if the draft is refused
   children?: ComponentChildren;
   input?: { inputMode?: "text"; placeholder?: string | undefined; spellcheck?: boolean };
 }
 
-/** What stands there until somebody types. Enter or leaving the field finishes what was typed; Esc takes it back. */
+/** A text field that shows `shown` until the user types. Enter or leaving the field finishes the draft; Esc discards it. */
 function Entry({ label, name, shown, finish, children, input }: Entered): JSX.Element {
   const [draft, setDraft] = useState<string | null>(null);
   const [fault, setFault] = useState("");
@@ -34,7 +34,7 @@ function Entry({ label, name, shown, finish, children, input }: Entered): JSX.El
   const done = (): void => {
     if (draft === null) return;
     const refused = draft === shown ? "" : finish(draft);
-    if (refused) setFault(refused); // the draft stays, so that it can be mended
+    if (refused) setFault(refused); // the draft stays, so that the user can correct it
     else type(null);
   };
   return (
@@ -63,10 +63,10 @@ function Entry({ label, name, shown, finish, children, input }: Entered): JSX.El
   );
 }
 
-/** Whether a field under an element holds what it has refused: then nothing is done with what the other fields hold. */
+/** Whether a field inside an element has a refused draft; callers then do not use the other fields either. */
 export const hasRefused = (under: string): boolean => document.querySelector(`${under} [aria-invalid=true]`) !== null;
 
-/** A quantity with its unit. An empty field is null where `empty` says what that means. */
+/** A field for a quantity with its unit. If `empty` is given, an empty field has the value null. */
 export function NumberField({ label, value, unit = "", empty, send, children }: Numeric): JSX.Element {
   const shown = value === null || value === undefined ? "" : String(Number(inShown(value, unit).toPrecision(8)));
   const finish = (draft: string): string | void => {

@@ -1,16 +1,16 @@
-// The motion as a film: what the drawing area shows is painted frame by frame and recorded by the browser.
+// Records the motion as a film: the drawing area is painted frame by frame, and the browser records the frames.
 import { batch } from "@preact/signals";
 import { clock, moving, pace, playing, ready } from "./state";
 import { size } from "./view";
 
-const TYPE = "video/webm;codecs=vp8"; // which every browser plays
-const [SHORTEST, LONGEST] = [1, 20]; // seconds of a film
-const LINGER = 250; // milliseconds of its last picture
-const [EMPTY, TRIES] = [400, 40]; // bytes of a film without pictures, and how often a busy browser is waited for
+const TYPE = "video/webm;codecs=vp8"; // every browser can play it
+const [SHORTEST, LONGEST] = [1, 20]; // shortest and longest duration of a film [s]
+const LINGER = 250; // [ms] wait between attempts to record the last picture
+const [EMPTY, TRIES] = [400, 40]; // [bytes] size of a film without pictures; largest number of attempts to record one in a busy browser
 
 export const canFilm = typeof MediaRecorder !== "undefined" && MediaRecorder.isTypeSupported(TYPE);
 
-/** The drawing area as it is now, with its looks, as an image of `w` by `h`. */
+/** Returns the present drawing area as an image of `w` by `h` pixels; `looks` is the text of its style sheets. */
 async function painted(looks: string, w: number, h: number): Promise<HTMLImageElement> {
   const copy = document.getElementById("canvas")!.cloneNode(true) as SVGSVGElement;
   for (const part of copy.querySelectorAll(".behind, .rubber")) part.remove();
@@ -37,7 +37,7 @@ export async function film(): Promise<Blob> {
   const looks = [...document.styleSheets].flatMap((sheet) => [...sheet.cssRules].map((rule) => rule.cssText)).join("\n");
   const paper = getComputedStyle(document.querySelector("main")!).backgroundColor;
   const paint = async (): Promise<void> => {
-    await new Promise(requestAnimationFrame); // the page has drawn what the clock says
+    await new Promise(requestAnimationFrame); // wait until the page has drawn the pose at the time `clock`
     const image = await painted(looks, w, h);
     pen.fillStyle = paper;
     pen.fillRect(0, 0, w, h);
@@ -64,7 +64,7 @@ export async function film(): Promise<Blob> {
   }
   const recorded = (): number => parts.reduce((sum, part) => sum + part.size, 0);
   for (let tries = 0; tries < TRIES && recorded() < EMPTY; tries++) {
-    await new Promise((done) => setTimeout(done, LINGER)); // what was painted last is captured a moment later
+    await new Promise((done) => setTimeout(done, LINGER)); // the browser records a painted picture with a delay
     recorder.requestData();
     await paint();
   }

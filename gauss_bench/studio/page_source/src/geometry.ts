@@ -1,14 +1,14 @@
-// Placing what a rigid link carries, and the plane's small questions. Nothing here knows forces or constraints.
+// Places of points on rigid links, and geometry of the plane. Forces and constraints are computed by the server.
 import type { Link, Pin, Pose, Poses, Scene, Slide, XY } from "./protocol";
 
-/** A point of a link's frame, in the world. */
+/** Returns the place in the world of a point in a link's frame. */
 export function place([x, y, theta]: Pose, [a, b]: XY): XY {
   const c = Math.cos(theta);
   const s = Math.sin(theta);
   return [x + c * a - s * b, y + s * a + c * b];
 }
 
-/** A world point in a link's frame. */
+/** Returns the place in a link's frame of a point in the world. */
 export function local([x, y, theta]: Pose, at: XY): XY {
   const c = Math.cos(theta);
   const s = Math.sin(theta);
@@ -19,7 +19,7 @@ export const apart = (a: XY, b: XY): number => Math.hypot(a[0] - b[0], a[1] - b[
 export const between = (a: XY, b: XY, share = 0.5): XY => [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])];
 export const direction = (a: XY, b: XY): number => Math.atan2(b[1] - a[1], b[0] - a[0]);
 
-/** Distance of `at` from the stretch a-b, and the nearest point of it. */
+/** Returns the distance of `at` from the segment a-b, and the nearest point of the segment. */
 export function fromSegment(at: XY, a: XY, b: XY): { distance: number; foot: XY } {
   const dx = b[0] - a[0];
   const dy = b[1] - a[1];
@@ -29,7 +29,7 @@ export function fromSegment(at: XY, a: XY, b: XY): { distance: number; foot: XY 
   return { distance: apart(at, foot), foot };
 }
 
-/** The convex hull, counter-clockwise. */
+/** Returns the convex hull of points, counter-clockwise. */
 export function hull(points: XY[]): XY[] {
   const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
   const turn = (o: XY, a: XY, b: XY) => (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]);
@@ -53,10 +53,10 @@ export function inside(at: XY, polygon: XY[]): boolean {
   return within;
 }
 
-/** A scene with its links where `poses` has them; links that `poses` does not name stay where the scene has them. */
+/** A scene with other poses of its links; links without an entry in `poses` have the poses of the scene. */
 export class Placed {
   private readonly links: Map<string, Link>;
-  private readonly poses: Map<string, Pose>; // no plain object, which has a "constructor" although no link is called so
+  private readonly poses: Map<string, Pose>; // a Map, because a plain object also has inherited keys such as "constructor"
 
   constructor(
     readonly scene: Scene,
@@ -74,7 +74,7 @@ export class Placed {
     return this.poses.get(name) ?? this.links.get(name)?.pose ?? [0, 0, 0];
   }
 
-  /** The world place of "link.point" or "ground.point"; null where the scene has no such point. */
+  /** Returns the place in the world of "link.point" or "ground.point"; null if the scene has no such point. */
   point(ref: string): XY | null {
     const dot = ref.lastIndexOf(".");
     const owner = ref.slice(0, dot);
@@ -94,7 +94,7 @@ export class Placed {
     return (moved && this.point(moved)) || pin.at;
   }
 
-  /** How far a link has turned from the scene's pose. */
+  /** Returns the angle by which a link has turned from its pose in the scene [rad]. */
   private turned(owner: string): number {
     const link = this.links.get(owner);
     return link ? this.pose(owner)[2] - link.pose[2] : 0;
@@ -109,7 +109,7 @@ export class Placed {
     };
   }
 
-  /** Where a force acts now. */
+  /** Returns the places at which a force acts in the present poses. */
   force(force: { table: Record<string, unknown>; at: XY[] }): XY[] {
     const { between: pair, point, joint, link } = force.table as { between?: string[]; point?: string; joint?: string; link?: string };
     if (Array.isArray(pair)) {
@@ -132,7 +132,7 @@ export class Placed {
   }
 }
 
-/** The centre of a link's points, in the world. */
+/** Returns the centre of a link's points in the world. */
 export function middle(points: XY[]): XY {
   const n = Math.max(points.length, 1);
   return [points.reduce((sum, p) => sum + p[0], 0) / n, points.reduce((sum, p) => sum + p[1], 0) / n];

@@ -1,4 +1,4 @@
-// What lies under the pointer, and where a click snaps to.
+// Finds the part under the pointer, and the place to which a click snaps.
 import { apart, fromSegment, hull, inside } from "./geometry";
 import type { Placed } from "./geometry";
 import type { XY } from "./protocol";
@@ -6,13 +6,13 @@ import type { Picked } from "./state";
 import { onGrid, toWorld, view } from "./view";
 
 export interface Target {
-  at: XY; // world, snapped
+  at: XY; // place in the world, snapped to a pin, a bar or the grid
   pin: string | null;
-  link: string | null; // a bar of this link lies under the pointer
-  over: Picked | null; // what a click selects
+  link: string | null; // name of the link whose bar is under the pointer
+  over: Picked | null; // the part that a click selects
 }
 
-/** What lies at a pixel; `reach` in pixels is wider for fingers; `free` leaves the grid aside. */
+/** Returns the target at a pixel. `reach` is the largest distance [pixels], larger for fingers; `free` switches off the grid. */
 export function target(placed: Placed, screen: XY, reach: number, free: boolean): Target {
   const world = toWorld(screen);
   const scale = view.value.scale;
@@ -21,7 +21,7 @@ export function target(placed: Placed, screen: XY, reach: number, free: boolean)
   let at = world;
   let least = Infinity;
   let moving = false;
-  const tie = 0.5 / scale; // half a pixel: of pins in one place, such as a block's and its guide's, what moves is meant
+  const tie = 0.5 / scale; // half a pixel: of two pins in one place, such as those of a block and its guide, the moving one is chosen
   for (const candidate of placed.scene.pins) {
     const place = placed.pin(candidate);
     const distance = apart(place, world);

@@ -1,4 +1,4 @@
-// The page's own signs, drawn on 24 by 24.
+// The icons of the page, each drawn on 24 by 24 units.
 import type { JSX } from "preact";
 
 const SIGNS: Record<string, string> = {

@@ -1,4 +1,4 @@
-// The page: what stands where, and what holds it together.
+// The page: its layout and its start.
 import { render } from "preact";
 import type { JSX } from "preact";
 import { Canvas, shortcuts } from "./canvas";
@@ -16,7 +16,7 @@ import { toScreen, size } from "./view";
 import type { Problem, XY } from "./protocol";
 import "./studio.css";
 
-/** Where a problem is, in pixels: the first thing that it names and that is drawn. */
+/** Returns the place of a problem in pixels: that of the first drawn part that the problem names, or null. */
 function whereabouts(problem: Problem): XY | null {
   const now = placed.value!;
   for (const id of problem.where) {
@@ -34,7 +34,7 @@ function whereabouts(problem: Problem): XY | null {
   return null;
 }
 
-/** The first problem, spelled out beside what it is about. */
+/** The text of the first problem, beside the part that it concerns. */
 function InPlace(): JSX.Element | null {
   const list = drawn.value?.problems ?? [];
   const problem = list.find((p) => p.level === "error") ?? list.find((p) => p.level === "warning");
@@ -76,7 +76,7 @@ function Empty(): JSX.Element | null {
   );
 }
 
-/** What a server that was killed had not saved: of what is open, else of a file of the folder. */
+/** The offer to restore unsaved changes that an ended server has kept, of the open drawing or of a file of the folder. */
 function Recovered(): JSX.Element | null {
   const known = hello.value;
   const other = scene.value?.path || scene.value?.links.length ? undefined : known?.kept?.[0];
@@ -131,7 +131,7 @@ function Page(): JSX.Element {
 
 paint();
 addEventListener("keydown", shortcuts);
-addEventListener("error", () => (said.value = { text: "Something in the page went wrong. The linkage is safe with the server; loading the page again helps.", level: "error" }));
+addEventListener("error", () => (said.value = { text: "The page has a fault. The server still has the linkage: load the page again.", level: "error" }));
 const root = document.getElementById("studio")!;
 root.replaceChildren();
 render(<Page />, root);

@@ -1,4 +1,4 @@
-// Three poses of a coupler, placed by hand: what four-bar takes them, and how to make it the sketch. The server computes it.
+// The tool Poses: the user places three poses of a coupler, and the server computes a four-bar that passes through them.
 import { effect, signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useState } from "preact/hooks";
@@ -15,15 +15,15 @@ interface FourBar {
   drives: { fault: string; text: string; travel: number }[];
 }
 
-const NARROW = 760; // pixels: in a narrower window the sentences are folded, so that they do not cover the drawing
-const POSES = 6; // picks: two places of the coupler in each of three poses
+const NARROW = 760; // [pixels] in a narrower window the sentences are folded, so that they do not cover the drawing
+const POSES = 6; // number of picks: two places of the coupler in each of three poses
 const found = signal<FourBar | null>(null);
 const refusal = signal("");
 
-/** The places by which the poses are given: all that the tool was given, or what it has been given so far. */
+/** Returns the places of the finished picks, or else those of the present picks. */
 const places = (): XY[] => posed.value ?? picks.value.map((p) => p.at);
 
-/** Pairs of places of the coupler; it keeps the length that it has in its first pose, later ones only show where it points. */
+/** Returns pairs of places of the coupler. Its length is that of the first pair; later pairs give only its direction. */
 function bars(): [XY, XY][] {
   const given = places();
   const length = given[1] ? apart(given[0]!, given[1]) : 0;
@@ -33,7 +33,7 @@ function bars(): [XY, XY][] {
   });
 }
 
-/** The request for the four-bar of what is placed; null until there are three poses, or while a second pivot is missing. */
+/** Returns the request for the four-bar; null until there are three poses, and while the second of two pivots is missing. */
 function request(): object | null {
   const given = places();
   if (tool.value !== "poses" || given.length < POSES || given.length === POSES + 1) return null;
@@ -54,15 +54,15 @@ effect(() => {
   );
 });
 
-/** What the better of its two drives does. */
+/** Returns a sentence on the motion by the better of the two drives. */
 const verdict = ({ drives }: FourBar): string =>
   drives.some((d) => !d.fault)
-    ? "It takes the poses in their order, on one branch."
+    ? "It passes through the poses in their order, on one branch."
     : drives.some((d) => d.fault === "order")
-      ? "It takes the poses in another order."
-      : "It does not get from pose to pose.";
+      ? "It passes through the poses in another order."
+      : "It cannot move from pose to pose.";
 
-/** Makes it the sketch; it is driven by the connection by which it takes the poses. Both are undone together. */
+/** Draws the four-bar; with `drive`, also drives the connection that moves it through the poses. One undo removes both. */
 async function draw(drive: boolean): Promise<void> {
   const [what, now] = [request(), found.value];
   if (!what || !now) return;
@@ -70,16 +70,16 @@ async function draw(drive: boolean): Promise<void> {
   if (!reply) return;
   const parts = ((reply.made ?? []) as string[]).filter((id) => /^(links|slides)\./.test(id) && !id.startsWith("links.block")).reverse();
   const driven = now.drives.findIndex((d) => !d.fault);
-  const part = parts[driven + 1]; // the coupler was made first
+  const part = parts[driven + 1]; // parts[0] is the coupler
   if (drive && driven >= 0 && part) {
-    const { travel } = now.drives[driven]!; // a bar turns on, a slide goes as far as the third pose
+    const { travel } = now.drives[driven]!; // a bar turns without end; a slide moves to the third pose
     const law = part.startsWith("links.") ? { law: "constant", speed: Math.sign(travel) * 2 * Math.PI } : { law: "sine", travel, time: 1 };
     await edit("drive", { coordinate: part.slice(part.indexOf(".") + 1), ...law, continues: true });
   }
   choose("select");
 }
 
-/** What follows from the poses, beside the drawing. */
+/** The panel beside the drawing with the result of the search. */
 export function PosesBar(): JSX.Element | null {
   const [drive, setDrive] = useState(true);
   if (tool.value !== "poses" || places().length < POSES) return null;

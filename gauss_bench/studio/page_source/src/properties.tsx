@@ -1,4 +1,4 @@
-// The panel on the right: what is chosen, as numbers; with nothing chosen the linkage as a whole, its parts and its problems.
+// The panel on the right: the numbers of the selected part or, without a selection, the linkage with its parts and problems.
 import type { JSX } from "preact";
 import { useState } from "preact/hooks";
 import { Check, Lock, NumberField, Read, TextField } from "./fields";
@@ -10,7 +10,7 @@ import type { Picked } from "./state";
 import { remove } from "./tools";
 import { retold } from "./units";
 
-/** Gives a thing another name; it stays the one that is chosen. */
+/** Renames a part, which stays selected. */
 async function rename(kind: "link" | "slide" | "force", old: string, to: string): Promise<void> {
   if (await edit("rename", { what: `${kind}s.${old}`, to })) selection.value = [{ kind, id: to }];
 }
@@ -74,7 +74,7 @@ function LinkPanel({ link }: { link: Link }): JSX.Element {
   );
 }
 
-/** The angle between the first two links that a pin joins, each seen from the pin; the ground lies level. */
+/** Returns the angle between the first two links that a pin joins, measured at the pin; the ground counts as horizontal. */
 function angleIn(pin: Pin, at: XY): { names: string[]; degrees: number } | null {
   const ways = pin.members.flatMap((ref) => {
     const name = ref.split(".")[0]!;
@@ -91,7 +91,7 @@ function angleIn(pin: Pin, at: XY): { names: string[]; degrees: number } | null 
 
 const nameOf = (pin: Pin): string => pin.joint ?? pin.members[0] ?? pin.id;
 
-/** Joins a pin with another one that is chosen by its name: without a pointer. */
+/** Joins a pin with another one that the user chooses by its name, without a pointer. */
 function Join({ pin }: { pin: Pin }): JSX.Element {
   const [to, setTo] = useState("");
   return (
@@ -224,7 +224,7 @@ export function show(problem: Problem): void {
   if (out.length) selection.value = out;
 }
 
-/** A part in the list of all; a link with its number, where that names instant centres. */
+/** A part in the list of all parts; a link has its number if instant centres are named by it. */
 function Part({ kind, id, text, number }: { kind: Picked["kind"]; id: string; text: string; number?: number }): JSX.Element {
   return (
     <li>

@@ -1,4 +1,4 @@
-// What the server and the page say to each other. Lengths in metres, poses in radians, numbers that are not finite as null.
+// Types of the messages between server and page. Lengths are in metres, poses in radians; numbers that are not finite are null.
 
 export type XY = [number, number];
 export type Pose = [number, number, number];
@@ -23,7 +23,7 @@ export interface Pin {
   joint: string | null;
   ground: boolean;
   locked: boolean;
-  stiff: boolean; // its links keep their angle in a drag
+  stiff: boolean; // its links keep their relative angle in a drag
 }
 export interface Slide {
   id: string;
@@ -59,7 +59,7 @@ export interface Scenario {
   table: Table;
 }
 export interface Picture {
-  id: string; // the picture itself is asked for once
+  id: string; // the picture itself is requested once
   at: XY;
   width: number;
   height: number;
@@ -91,7 +91,7 @@ export interface Series {
   values: (number | null)[];
 }
 export interface Motion {
-  job?: number; // the singular positions follow in an event of this number
+  job?: number; // an event with this number brings the singular positions later
   times: number[];
   poses: Record<string, Pose[]>;
   points: Record<string, { p: XY[]; v: XY[] | null; a: XY[] | null }>;
@@ -122,7 +122,7 @@ export interface Hello {
   folder?: string;
   engines: { name: string; here: boolean; reason: string | null }[];
   recovered: { text: string } | null;
-  kept?: string[]; // files of the folder of which more was drawn than was saved
+  kept?: string[]; // files of the folder with unsaved changes that have been kept
   scene: Scene;
 }
 export interface Fault {

@@ -1,4 +1,4 @@
-// What runs in workers of the server: release and its overlay, and which engine to take.
+// Jobs of the server: release, comparison with a second engine, and the search for an engine.
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useState } from "preact/hooks";
@@ -40,7 +40,7 @@ const compared = signal<Compare[]>([]);
 const progress = signal("");
 const advice = signal<{ job: number | null; answers: Answer[]; done: boolean; note: string }>({ job: null, answers: [], done: true, note: "" });
 
-/** What the server says unasked. */
+/** Handles an event of the server. */
 export function hear(event: Event): void {
   if (event.event === "singular") {
     if (motion.value && motion.value.job === event.job) motion.value = { ...motion.value, singular: event.singular as Motion["singular"] };
@@ -56,7 +56,7 @@ export function hear(event: Event): void {
     progress.value = "";
     if (event.error) say(String(event.error), "error");
   } else if (event.event === "recommend" && event.job === advice.value.job) {
-    const more = event.answer as Answer | undefined; // better than what its engine had; at the end all of them, by their cost
+    const more = event.answer as Answer | undefined; // replaces an earlier answer for its engine; the last event has all answers, sorted by cost
     const others = advice.value.answers.filter((a) => a.engine !== more?.engine);
     const answers = (event.answers as Answer[] | undefined) ?? (more ? [...others, more] : others);
     advice.value = { ...advice.value, answers, note: typeof event.advice === "string" ? event.advice : advice.value.note };
@@ -90,7 +90,7 @@ const Engines = ({ of }: { of: { name: string; here: boolean }[] }): JSX.Element
   </>
 );
 
-/** The first of these engines that is installed, else the last of them. */
+/** Returns the first of these engines that is installed, else the last one. */
 const usable = (...names: string[]): string => names.find((name) => hello.value?.engines.some((e) => e.name === name && e.here)) ?? names.at(-1)!;
 
 export function Release(): JSX.Element {
@@ -101,7 +101,7 @@ export function Release(): JSX.Element {
   const missing = engines.filter((e) => !e.here && [engine, overlay, "gauss-native", "mujoco"].includes(e.name));
   const go = async (): Promise<void> => {
     if (hasRefused("dialog")) return;
-    if (!(until > 0)) return say("The duration is a positive number of seconds.", "error");
+    if (!(until > 0)) return say("The duration must be a positive number of seconds.", "error");
     runs.value = [];
     compared.value = [];
     ghost.value = null;
@@ -111,7 +111,7 @@ export function Release(): JSX.Element {
   };
   return (
     <Sheet title="Release">
-      <p class="note">The linkage starts from the sketch and moves under gravity, springs and torques. Another engine can be laid over it, to see where the two part and by how much.</p>
+      <p class="note">The linkage starts in the drawn position and moves under gravity, springs and torques. The motion of a second engine can be drawn over it, to see where the two differ and by how much.</p>
       <div class="triple">
         <NumberField label="Until" unit="s" value={until} send={(v) => setUntil(v!)} />
         <label class="field">
@@ -171,7 +171,7 @@ export function Release(): JSX.Element {
   );
 }
 
-/** How far two runs are apart over time, on a scale of powers of ten. */
+/** The distance of two runs over time, on a logarithmic scale. */
 function Apart({ curve }: { curve: NonNullable<Compare["curve"]> }): JSX.Element {
   const [at, go] = useState(0);
   const [under, look] = useState<number | null>(null);
@@ -194,7 +194,7 @@ export function Recommend(): JSX.Element {
   };
   return (
     <Sheet title="Which engine, with which setting">
-      <p class="note">Engines are run on this linkage, against a certified reference; the cheapest setting that keeps your accuracy comes first.</p>
+      <p class="note">The search runs engines on this linkage and compares them with a certified reference; the cheapest setting with the required accuracy comes first.</p>
       <div class="triple even">
         <NumberField label="Position to within" unit="m" value={position} send={(v) => setPosition(v!)} />
         <NumberField label="In at most" unit="s" value={budget} send={(v) => setBudget(v!)} />
@@ -245,7 +245,7 @@ export function Recommend(): JSX.Element {
       </ol>
       {now.done && now.answers.some((a) => a.status !== "ok") && (
         <details class="fallen">
-          <summary>Engines that do not hold it, and why</summary>
+          <summary>Engines that miss this accuracy, and why</summary>
           <ul>
             {now.answers.filter((a) => a.status !== "ok").map((a) => (
               <li key={a.engine}>

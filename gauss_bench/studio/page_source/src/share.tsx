@@ -1,4 +1,4 @@
-// A link to look at: a static page that draws the linkage and its motion from the address, for whoever has no installation.
+// A link to a static page that draws the linkage and its motion from its address, for readers without an installation.
 import type { JSX } from "preact";
 import { useState } from "preact/hooks";
 import { said, attempt } from "./state";
@@ -10,7 +10,7 @@ interface Made {
   note: string | null;
 }
 
-/** An address to copy; it is selected where the browser does not give the clipboard. */
+/** An address to copy; it is also selected, for browsers that do not permit writing to the clipboard. */
 function Address({ name, value }: { name: string; value: string }): JSX.Element {
   const [copied, setCopied] = useState(false);
   const copy = async (field: HTMLInputElement): Promise<void> => {
@@ -45,7 +45,7 @@ export function LookLink(): JSX.Element {
   return (
     <section class="look">
       <h3>A link to look at</h3>
-      <p class="note">Opens without an installation: a page draws the linkage and its motion, and shows the file. Everything is in the address.</p>
+      <p class="note">The link opens a page that draws the linkage and its motion, and shows the file. It needs no installation: the address contains everything.</p>
       <div class="row">
         <button type="button" class="strong" disabled={busy} onClick={() => void make()}>
           {busy ? "Making the link …" : "Make a link to look at"}

@@ -1,4 +1,4 @@
-// What lies over the page: a dialog with a title, which ends with Esc, its cross, or a click beside it, and says what is refused.
+// A dialog with a title, which closes with Esc, its cross or a click beside it, and which shows refusals.
 import type { ComponentChildren, JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { Sign } from "./icons";
@@ -9,7 +9,7 @@ export function Sheet({ title, children, wide }: { title: string; children: Comp
   const ref = useRef<HTMLDialogElement>(null);
   useEffect(() => {
     if (!ref.current!.open) ref.current!.showModal();
-    if (said.value?.field !== "replace") said.value = null; // a refused save is why its dialog opens
+    if (said.value?.field !== "replace") said.value = null; // the dialog Save opens because of a refusal, which it must show
   }, []);
   return (
     <dialog

@@ -1,4 +1,4 @@
-// One WebSocket: requests with an id and their replies, and events that nobody asked for. Comes back by itself.
+// The WebSocket to the server: requests with an id, their replies, and events. It connects again after an interruption.
 import { signal } from "@preact/signals";
 import type { Event, Fault, Reply } from "./protocol";
 
@@ -9,7 +9,7 @@ export class Refused extends Error {
 }
 
 export const connected = signal<"opening" | "open" | "gone">("opening");
-export const pending = signal(0); // requests without a reply so far
+export const pending = signal(0); // number of requests without a reply so far
 const waiting = new Map<number, { resolve: (reply: Reply) => void; reject: (why: Refused) => void }>();
 const listeners = new Set<(event: Event) => void>();
 let socket: WebSocket | null = null;
@@ -21,10 +21,10 @@ export function listen(hear: (event: Event) => void): void {
   listeners.add(hear);
 }
 
-/** Sends one request; the reply, or `Refused` with the server's sentence. */
+/** Sends a request and returns its reply; throws `Refused` with the server's sentence if it is refused. */
 export function ask(verb: string, what: object = {}): Promise<Reply> {
   if (!socket || socket.readyState !== WebSocket.OPEN) {
-    return Promise.reject(new Refused({ text: "The studio's server is not there. The page tries again by itself." }));
+    return Promise.reject(new Refused({ text: "The studio's server does not answer. The page tries again by itself." }));
   }
   const id = ++last;
   const here = socket;

@@ -1,4 +1,4 @@
-// What the page knows: the scene, what is chosen, what is shown over it. Every change of the linkage goes through `edit`.
+// State of the page: the scene, the selection, and what is shown over the scene. Every change of the linkage uses `edit`.
 import { batch, computed, signal } from "@preact/signals";
 import { Placed } from "./geometry";
 import type { Event, Hello, Motion, Pose, Poses, Reply, Scene, XY } from "./protocol";
@@ -10,34 +10,34 @@ export type Picked = { kind: "link" | "pin" | "slide" | "force"; id: string };
 export const hello = signal<Hello | null>(null);
 export const scene = signal<Scene | null>(null);
 export const selection = signal<Picked[]>([]);
-export const said = signal<{ text: string; level: "error" | "notice" | "info"; field?: string } | null>(null); // the line that is read aloud
+export const said = signal<{ text: string; level: "error" | "notice" | "info"; field?: string } | null>(null); // the status line, which screen readers read aloud
 export const dialog = signal<"" | "gallery" | "open" | "share" | "release" | "recommend" | "help" | "export" | "save" | "branches">("");
-export const sheet = signal<"" | "properties" | "curves">(""); // narrow screens: which panel covers the drawing
+export const sheet = signal<"" | "properties" | "curves">(""); // on narrow screens, the panel that covers the drawing
 export const touring = signal(-1);
 
-// Over the scene
+// Shown over the scene
 export const dragged = signal<Poses | null>(null);
-export const trial = signal<Scene | null>(null); // the drawing as it would be, while a pin is put elsewhere
+export const trial = signal<Scene | null>(null); // the drawing after the move of a pin that is being tried
 export const drawn = computed(() => trial.value ?? scene.value);
-export const behind = signal<{ id: string; url: string } | null>(null); // the picture of the scene
+export const behind = signal<{ id: string; url: string } | null>(null); // the picture behind the grid
 export const motion = signal<Motion | null>(null);
-export const moving = signal(false); // the motion is shown rather than the sketch
+export const moving = signal(false); // whether the motion is shown instead of the sketch
 export const playing = signal(false);
-export const clock = signal(0); // seconds of the motion
+export const clock = signal(0); // shown time of the motion [s]
 export const pace = signal(1);
 export const ghost = signal<{ engine: string; times: number[]; poses: Record<string, [number, number, number][]> } | null>(null);
 export const showCentres = signal(false);
-export const lined = signal(true); // a grid that pulls
+export const lined = signal(true); // whether clicks snap to the grid
 export const frames = signal({ solved: 0, ms: 0, jump: 0 });
 
-const FLIES = 4; // times the window that shows the sketch
+const FLIES = 4; // a motion larger than this multiple of the window that shows the sketch is not fitted into the window
 let fitting = false;
-let fitted = -Infinity; // when the motion was last fitted into the window
+let fitted = -Infinity; // time at which the motion was last fitted into the window [ms]
 
-/** Whether the curves of a motion that was just fitted may be taking their room. */
+/** Whether the layout may still change because the curves of a motion that was just fitted appear. */
 export const settling = (): boolean => performance.now() - fitted < 500;
 
-/** Where every pin goes in the motion, one place in eight. */
+/** Returns the places of all pins and observed points in every eighth sample of the motion. */
 const swept = (): XY[] => {
   const now = motion.value;
   if (!now || !scene.value) return [];
@@ -49,16 +49,16 @@ const swept = (): XY[] => {
   return out;
 };
 
-/** The whole linkage in the window, and its motion too, once that is there. */
+/** Fits the whole linkage into the window, with its motion as soon as that is known. */
 export function show(): void {
   fit(scene.value, swept());
   fitting = motion.value === null && (scene.value?.links.length ?? 0) > 0;
 }
 
-/** Whether the sketch is in the window as a whole. */
+/** Whether the window shows the whole sketch. */
 export const inView = (): boolean => within(scene.value);
 
-/** Shows the whole of the motion, where it leaves the window; one that flies off is let go. */
+/** Fits a motion that leaves the window into it, unless the motion is more than FLIES times as large. */
 export function follow(): void {
   const before = view.value;
   if (within(scene.value, swept())) return;
@@ -66,7 +66,7 @@ export function follow(): void {
   if (view.value.scale < before.scale / FLIES) view.value = before;
 }
 
-/** The sample before an instant, and which share of the way to the next one has passed. */
+/** Returns the index of the sample before a time, and the share of the interval to the next sample that has passed. */
 export const sampled = (times: number[], at: number): [number, number] => {
   const last = times.length - 1;
   const i = at >= (times[last] ?? 0) ? Math.max(last - 1, 0) : Math.max(0, times.findIndex((t) => t >= at) - 1);
@@ -86,7 +86,7 @@ const interpolate = (times: number[], poses: Record<string, [number, number, num
   );
 };
 
-/** The poses on show: of the drag, else of the motion, else the scene's own. */
+/** The shown poses: those of the drag, else of the motion; empty for those of the scene. */
 export const shown = computed<Poses>(() => {
   if (dragged.value) return dragged.value;
   if (moving.value && motion.value) return interpolate(motion.value.times, motion.value.poses, clock.value);
@@ -98,14 +98,14 @@ export const ghosted = computed(() =>
 );
 export const chosen = (kind: Picked["kind"], id: string): boolean => selection.value.some((p) => p.kind === kind && p.id === id);
 
-/** Says a sentence in the status line, which screen readers read aloud; mere information goes by itself. */
+/** Shows a sentence in the status line, which screen readers read aloud; a sentence of level "info" disappears after 6 s. */
 export function say(text: string, level: "error" | "notice" | "info" = "info"): void {
   const word = { text, level };
   said.value = word;
   if (level === "info") setTimeout(() => said.value === word && (said.value = null), 6000);
 }
 
-/** Runs a request and says its refusal instead of throwing it. */
+/** Sends a request; returns null after a refusal, and shows its sentence in the status line. */
 export async function attempt(verb: string, what: object = {}): Promise<Reply | null> {
   try {
     const reply = await ask(verb, what);
@@ -140,7 +140,7 @@ export function take(next: Scene): void {
   refresh();
 }
 
-/** Asks for the picture that a scene names, unless it is here. */
+/** Requests the picture that a scene names, unless the page has it already. */
 async function look(id: string | null): Promise<void> {
   if (id === (behind.value?.id ?? null)) return;
   behind.value = null;
@@ -148,11 +148,11 @@ async function look(id: string | null): Promise<void> {
   if (reply && reply.picture === scene.value?.picture?.id) behind.value = { id, url: String(reply.url) };
 }
 
-/** Whether what is drawn may be left: it is saved, or whoever drew it says so. */
+/** Whether another drawing may be opened: the present one is saved, or the user confirms. */
 const leaving = (): boolean =>
   !scene.value?.unsaved || !scene.value.links.length || confirm(`${scene.value.name} has changes that are not saved. Leave them?`);
 
-/** Another linkage is open: its motion is not here yet, and it is shown as a whole. */
+/** Resets motion, selection and window after another linkage has been opened. */
 export function anew(): void {
   motion.value = null;
   selection.value = [];
@@ -160,14 +160,14 @@ export function anew(): void {
   show();
 }
 
-/** Opens something else, if what is drawn may be left; the reply, or null where it stays as it is. */
+/** Opens another drawing if the user agrees; returns the reply, or null if the present drawing stays. */
 export async function open(what: object, verb = "open"): Promise<Reply | null> {
   const reply = leaving() ? await edit(verb, what) : null;
   if (reply) anew();
   return reply;
 }
 
-/** Opens the linkage that the address carries, which is taken out of it. */
+/** Opens the linkage that the address contains, and removes it from the address. */
 async function arrive(): Promise<void> {
   const fragment = location.hash.slice(1);
   if (!fragment) return;
@@ -175,39 +175,39 @@ async function arrive(): Promise<void> {
   await open({ fragment });
 }
 
-/** Takes up what was drawn before and lost with the server, or lets it go. */
+/** Restores the unsaved changes that an ended server has kept; with `take` false, discards them. */
 export async function recover(take: boolean): Promise<void> {
   if (!(await edit("recover", { take }))) return;
-  hello.value = { ...hello.value!, recovered: null }; // it is offered once
+  hello.value = { ...hello.value!, recovered: null }; // the changes are offered only once
   if (take) anew();
 }
 
-/** One edit of the linkage; the new scene is shown. Returns the reply, or null where the server refused with a reason. */
+/** Makes an edit and shows the new scene; returns the reply, or null if the server refuses the edit. */
 export async function edit(verb: string, what: object = {}): Promise<Reply | null> {
-  fitting = false; // who draws keeps his window
+  fitting = false; // an edit does not change the window
   const reply = await attempt(verb, what);
   if (reply?.scene) newer(reply.scene);
   if (reply && "recovered" in reply) hello.value = { ...hello.value!, recovered: reply.recovered as Hello["recovered"] };
   return reply;
 }
 
-/** Shows a scene, unless another page's, which came before it, is newer. */
+/** Shows a scene, unless a newer one of another page is shown already; returns whether it is shown. */
 function newer(next: Scene): boolean {
   if (next.revision < (scene.value?.revision ?? 0)) return false;
   take(next);
   return true;
 }
 
-// The motion follows the linkage by itself, a moment after the last edit.
+// The motion is computed again a quarter of a second after the last edit.
 let later: ReturnType<typeof setTimeout> | undefined;
 let wanted = 0;
 export const motionNote = signal("");
 
-const OPEN = "What does not assemble does not move: see the problems.";
-const FAST = "Nothing can move: the links hold each other fast. Take one away, or a pin off the ground.";
+const OPEN = "The linkage does not assemble and cannot move: see the problems.";
+const FAST = "Nothing can move: there is no degree of freedom. Delete a link, or release a pin from the ground.";
 const LOOSE = "Nothing can be driven yet: pin a link to the ground.";
 
-/** Computes the driven motion of the scene anew, a moment from now. */
+/** Computes the driven motion of the scene again, after a delay in which further edits may follow. */
 export function refresh(): void {
   clearTimeout(later);
   const mine = ++wanted;
@@ -231,7 +231,7 @@ async function compute(mine: number): Promise<void> {
       clock.value = Math.min(clock.value, motion.value.times.at(-1) ?? 0);
       motionNote.value = motion.value.note ?? "";
     });
-    if (fitting && !dragged.value) { // whoever has begun to pull keeps the window under the pointer
+    if (fitting && !dragged.value) { // a drag that has begun keeps its window
       fit(scene.value, swept());
       fitted = performance.now();
     }
@@ -243,7 +243,7 @@ async function compute(mine: number): Promise<void> {
   }
 }
 
-/** The motion of now, computed if it is not there yet. */
+/** Returns the present motion, which is computed if it is not known yet; null if there is none. */
 export async function ready(): Promise<Motion | null> {
   if (!motion.value && scene.value?.status.assembles && scene.value.status.dof !== 0 && scene.value.links.length) {
     clearTimeout(later);
@@ -268,7 +268,7 @@ export async function play(): Promise<void> {
     moving.value = true;
     playing.value = true;
   });
-  if (began && inView()) follow(); // who looks at a part of it goes on doing so
+  if (began && inView()) follow(); // a window that shows a part of the drawing stays
   let before = performance.now();
   const step = (t: number): void => {
     if (!playing.value || !motion.value) return;
@@ -289,7 +289,7 @@ export function scrub(at: number): void {
   });
 }
 
-/** Back to the sketch, which is what is edited. */
+/** Shows the sketch, which edits change, instead of the motion. */
 export function still(): void {
   batch(() => {
     playing.value = false;
@@ -297,19 +297,19 @@ export function still(): void {
   });
 }
 
-// A copy of the text in the page: what can be saved from here when the server has gone.
+// A copy of the file's text, which the user can save from the page after the server has ended.
 let keeping: ReturnType<typeof setTimeout> | undefined;
 export const copy = signal("");
 
 function keep(): void {
   clearTimeout(keeping);
   keeping = setTimeout(async () => {
-    const reply = await ask("text").catch(() => null); // a copy is a courtesy: the server keeps one itself
+    const reply = await ask("text").catch(() => null); // without a reply the page keeps its older copy; the server has one too
     if (reply) copy.value = String(reply.text ?? "");
   }, 300);
 }
 
-/** Greets the server after every opening of the socket. */
+/** Connects to the server, and sends `hello` whenever the socket opens. */
 export function start(onEvent: (event: Event) => void): void {
   listen((event) => {
     if (event.event !== "scene") onEvent(event);

@@ -1,4 +1,4 @@
-// Below the drawing: play, scrub, pace, what drives the motion, and the curves of what is observed.
+// The panel below the drawing: play, time slider, speed, drivers of the motion, and curves.
 import { computed, signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
@@ -13,10 +13,10 @@ import { amount, figure, retold } from "./units";
 
 const open = signal(innerWidth > 560);
 const off = signal<Set<string>>(new Set(["pins", "advantage"]));
-const under = signal<number | null>(null); // the instant that the mouse is over in a chart
+const under = signal<number | null>(null); // time under the mouse in a chart [s]
 const curves = computed(() => (motion.value ? charts(motion.value) : []));
 
-/** Writes the table of all curves, those that are not on show included. */
+/** Offers the table of all curves as a download, also of those that are not shown. */
 function downloadTable(): void {
   const now = motion.value;
   if (now) download(`${scene.value?.name || "linkage"}_curves.csv`, csv(now, curves.value), "text/csv");
@@ -24,7 +24,7 @@ function downloadTable(): void {
 
 const LAWS: [string, string][] = [["constant", "constant speed"], ["sine", "cycloidal, rest to rest"], ["cosine", "harmonic"], ["poly345", "3-4-5 polynomial"]];
 
-/** What is driven, and by which laws: the scenario "driven" as it stands. Each change is an edit. */
+/** The drivers of the scenario "driven" with their laws. Each change is an edit. */
 function Drive(): JSX.Element | null {
   const ref = useRef<HTMLDetailsElement>(null);
   useEffect(() => {
@@ -51,7 +51,7 @@ function Drive(): JSX.Element | null {
   const more = drivers.length === 0 || drivers.length < (now.status.dof ?? 0);
   return (
     <details ref={ref} class="drive" onKeyDown={away}>
-      <summary title="What moves, and by which law">{named.length ? `Drives ${named.join(", ")}` : "Driver"}</summary>
+      <summary title="The driven coordinates and their motion laws">{named.length ? `Drives ${named.join(", ")}` : "Driver"}</summary>
       <div class="pop">
         {drivers.map((driver) => (
           <OneDriver key={nameOf(driver)} driver={driver} free={free} duration={table.duration ?? 1} />
@@ -80,13 +80,13 @@ const option = (d: { name: string; kind: string }): JSX.Element => (
   </option>
 );
 
-/** A driver's law, without what it drives. */
+/** Returns the law of a driver: its table without the keys that name the coordinate. */
 function lawOf(driver: Table): Table {
   const { link: _link, joint: _joint, between: _between, ...law } = driver;
   return law;
 }
 
-/** Drives a coordinate by what is usual for its kind, from where it is drawn. */
+/** Drives a coordinate from its value in the drawing by the default law of its kind. */
 const begin = (name: string): Promise<unknown> => edit("drive", { coordinate: name });
 
 function OneDriver({ driver, free, duration }: { driver: Table; free: DriverKind[]; duration: number }): JSX.Element {
@@ -146,10 +146,10 @@ function OneDriver({ driver, free, duration }: { driver: Table; free: DriverKind
   );
 }
 
-/** A coordinate with its unit, angles in degrees. */
+/** Returns a coordinate as text with its unit; angles are in degrees. */
 const coordinate = (value: number | null, unit = ""): string => (unit === "rad" && value !== null ? `${((value * 180) / Math.PI).toFixed(1)}°` : amount(value, unit));
 
-/** When the motion passes a place of its input: the time of the sample that is nearest to it. */
+/** Returns the time of the sample whose input is nearest to a value. */
 function passed(now: Motion, at: number | null): number {
   const turn = now.input?.unit === "rad" ? 2 * Math.PI : 0;
   const away = (v: number | null): number => (v === null || at === null ? Infinity : Math.abs(v - at - (turn && turn * Math.round((v - at) / turn))));
@@ -160,7 +160,7 @@ function passed(now: Motion, at: number | null): number {
 export function Timeline(): JSX.Element {
   const now = motion.value;
   const end = now?.times.at(-1) ?? 1;
-  const own = scene.value?.scenarios.some((s) => s.kind === "driven"); // curves come when something is driven, not while one draws
+  const own = scene.value?.scenarios.some((s) => s.kind === "driven"); // curves are shown if the linkage is driven, not while it is being drawn
   const list = now && (own || moving.value) ? curves.value : [];
   const input = now?.input;
   const i = now ? Math.max(0, now.times.findIndex((t) => t >= clock.value - 1e-12)) : 0;
@@ -201,13 +201,13 @@ export function Timeline(): JSX.Element {
           class="quiet"
           aria-pressed={showCentres.value}
           aria-label="Instant centres"
-          title="Points about which every two links turn at this instant"
+          title="Points about which two links turn relative to each other at this instant"
           onClick={() => (showCentres.value = !showCentres.value)}
         >
           <span class="long">Instant centres</span>
           <span class="short">Centres</span>
         </button>
-        <button type="button" class="quiet" title="Let it go under gravity and torques, and lay another engine over it" onClick={() => (dialog.value = "release")}>
+        <button type="button" class="quiet" title="Release the linkage under gravity and torques, and compare engines" onClick={() => (dialog.value = "release")}>
           Release
         </button>
         {moving.value && (
@@ -241,7 +241,7 @@ export function Timeline(): JSX.Element {
                 {c.title}
               </button>
             ))}
-            <button type="button" class="table" title="The table of all curves, those not on show included, with their units" onClick={downloadTable}>
+            <button type="button" class="table" title="Download a table of all curves, also hidden ones, with their units" onClick={downloadTable}>
               CSV
             </button>
             {now!.singular.map((spot, n) => (

@@ -1,4 +1,4 @@
-// The tools: what each asks for, pick by pick, and the edit that it makes of the picks.
+// The tools: the picks (clicks in the drawing) that each needs, and the edit that it makes from them.
 import { batch, signal } from "@preact/signals";
 import { apart, direction, fromSegment } from "./geometry";
 import type { Target } from "./hit";
@@ -12,12 +12,12 @@ export interface Tool {
   name: string;
   key: string;
   help: string;
-  asks: string[]; // what to click, pick by pick
-  open?: boolean; // takes picks until Enter, a double click or the first point again
+  asks: string[]; // a request for each pick
+  open?: boolean; // picks end with Enter, a double click or a click on the first point
   make?: (picks: Target[]) => Promise<unknown>;
 }
 
-let begun = false; // of several edits that one tool makes the later ones continue the first: they are undone together
+let begun = false; // whether the tool has made an edit: later edits continue it, and are undone together with it
 
 async function change(verb: string, what: object): Promise<Reply | null> {
   const reply = await edit(verb, begun ? { ...what, continues: true } : what);
@@ -25,14 +25,14 @@ async function change(verb: string, what: object): Promise<Reply | null> {
   return reply;
 }
 
-/** The pin that an edit makes; null where it was refused. */
+/** Makes an edit and returns the id of its new pin; null if the edit is refused. */
 async function made(verb: string, what: object): Promise<string | null> {
   const reply = await change(verb, what);
   const ids = (reply?.made ?? []) as string[];
   return ids.find((id) => id.startsWith("pins."))?.slice(5) ?? null;
 }
 
-/** An end of something: the pin there, a new point of the link there, or a new place. */
+/** Returns the pin at a pick, else a new point of the link there, else the place. */
 async function end(pick: Target): Promise<{ pin: string } | { at: XY }> {
   if (pick.pin !== null) return { pin: pick.pin };
   if (pick.link !== null) {
@@ -48,7 +48,7 @@ async function ends(picks: Target[]): Promise<({ pin: string } | { at: XY })[]> 
   return out;
 }
 
-/** The link under a pick: of a bar, of what a click selects, else of the pin's first moving member. */
+/** Returns the link under a pick: that of a bar, the selected link, or the first moving link of the pin. */
 export function linkOf(pick: Target): string | null {
   if (pick.link) return pick.link;
   if (pick.over?.kind === "link") return pick.over.id;
@@ -58,7 +58,7 @@ export function linkOf(pick: Target): string | null {
 
 const pointOf = (id: string): string | null => scene.value?.pins.find((p) => p.id === id)?.members.find((ref) => !ref.startsWith("ground.")) ?? null;
 
-/** Something between two points: at a place where there is nothing it is held by a new pivot on the ground. */
+/** Adds a force between two picks; a pick on an empty place gets a new pivot on the ground. */
 async function connectTwo(type: string, picks: Target[], values: object): Promise<unknown> {
   const held: string[] = [];
   for (const pick of picks) {
@@ -114,7 +114,7 @@ async function observe(picks: Target[]): Promise<unknown> {
   const pick = picks[0]!;
   const link = linkOf(pick);
   if (!link) {
-    say("Only points of moving links are observed: click on a bar, a plate or a pin.", "error");
+    say("Only points of moving links can be observed: click on a bar, a plate or a pin.", "error");
     return null;
   }
   const point = pointOf(pick.pin ?? (await made("add_point", { link, at: pick.at })) ?? "");
@@ -123,13 +123,13 @@ async function observe(picks: Target[]): Promise<unknown> {
 
 export const TOOLS: Tool[] = [
   { id: "select", name: "Select", key: "v", help: "Select things, and drag a joint to move the linkage. Drag empty space to move the view.", asks: [] },
-  { id: "reshape", name: "Reshape", key: "m", help: "Drag a joint to another place: its links get other lengths, shown as you drag. On another joint it is joined.", asks: [] },
+  { id: "reshape", name: "Reshape", key: "m", help: "Drag a joint to another place: the lengths of its links change, and are shown as you drag. Drop it on another joint to join both.", asks: [] },
   {
     id: "ground",
     name: "Ground pivot",
     key: "g",
-    help: "A pin that is fixed to the ground. Click a place, or a pin that shall be fixed.",
-    asks: ["Click where the ground holds a pin"],
+    help: "A pin that is fixed to the ground. Click a place, or a pin to be fixed.",
+    asks: ["Click a place or a pin"],
     make: ([pick]) => (pick!.pin !== null ? change("ground", { pin: pick!.pin, on: true }) : change("add_pin", { at: pick!.at, ground: true })),
   },
   {
@@ -157,7 +157,7 @@ export const TOOLS: Tool[] = [
     name: "Slider",
     key: "s",
     help: "A block with a pin that slides along a straight guide on the ground, or along a bar (a pin in a slot).",
-    asks: ["Click the pin that shall slide", "Click a bar as the slot, or where the line on the ground leads"],
+    asks: ["Click the pin that will slide", "Click a bar as the slot, or a place on the ground to which the line leads"],
     make: slider,
   },
   {
@@ -191,14 +191,14 @@ export const TOOLS: Tool[] = [
     id: "poses",
     name: "Poses",
     key: "q",
-    help: "Three poses of a coupler, each by two of its points: gives the four-bar that takes them, with its fixed pivots.",
+    help: "Give three poses of a coupler, each by two of its points, and find a four-bar that passes through them.",
     asks: [
       ...["first", "second", "third"].flatMap((n) => [`Click the first pin in the ${n} pose`, n === "first" ? "Click the second pin" : "Click where the second pin points to"]),
-      ...["", ""], // two fixed pivots, for which the bar beside the drawing asks
+      ...["", ""], // two fixed pivots, which the bar beside the drawing requests
     ],
     make: async (list) => void (posed.value = list.map((p) => p.at)),
   },
-  { id: "picture", name: "Picture", key: "p", help: "A picture behind the grid to draw over, scaled by two points you know the distance of.", asks: ["Click the first of two points of the picture", "Click the second"] },
+  { id: "picture", name: "Picture", key: "p", help: "A picture behind the grid to draw over, scaled by two points of known distance.", asks: ["Click the first of two points of the picture", "Click the second"] },
 ];
 
 export const posed = signal<XY[] | null>(null); // the places of three poses and two fixed pivots
@@ -221,7 +221,7 @@ export function choose(id: ToolId): void {
 export const pictureScaled = signal<((a: XY, b: XY) => void) | null>(null);
 let busy: Promise<unknown> = Promise.resolve();
 
-/** Takes one pick of the tool in hand, and makes the edit when it has all of them. Edits follow one another. */
+/** Adds a pick of the chosen tool, and makes the edit after the last pick. Edits are made one after the other. */
 export function pick(next: Target): void {
   const hand = current();
   if (!hand.asks.length) return;
@@ -235,7 +235,7 @@ export function pick(next: Target): void {
   if (!hand.open && picks.value.length === hand.asks.length) finish();
 }
 
-/** Ends what is being drawn, with the picks that are there. */
+/** Makes the edit of the chosen tool with the present picks. */
 export function finish(): void {
   const hand = current();
   const list = picks.value;
@@ -253,7 +253,7 @@ export function finish(): void {
   }
 }
 
-/** Esc: first the pick in hand, then the tool, then the selection. */
+/** Esc: cancels the present picks; without picks the tool; with the tool Select the selection. */
 export function cancel(): void {
   if (picks.value.length) picks.value = [];
   else if (tool.value !== "select") choose("select");

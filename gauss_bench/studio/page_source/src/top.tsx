@@ -1,4 +1,4 @@
-// Above the drawing: files, undo, what the linkage is, the switches of the view.
+// The bar above the drawing: files, undo, name and state of the linkage; and the switches of the view.
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { names } from "./canvas";
@@ -26,7 +26,7 @@ function turn(): void {
   paint();
 }
 
-/** The name that the next save writes to; the first save asks for one. */
+/** Saves the drawing to its file; opens the dialog Save if the drawing has no file, or if saving needs a confirmation. */
 async function save(): Promise<void> {
   if (!scene.value?.path || (!(await edit("save")) && said.value?.field === "replace")) dialog.value = "save";
 }
@@ -74,7 +74,7 @@ export function Top(): JSX.Element {
             <b data-testid="loop-count">{status.loops}</b> {status.loops === 1 ? "loop" : "loops"}
           </li>
           {(status.redundant ?? 0) > 0 && (
-            <li class="doubtful" title="Constraints that say nothing new">
+            <li class="doubtful" title="Redundant constraints">
               <b>{status.redundant}</b> redundant
             </li>
           )}
@@ -135,7 +135,7 @@ export function ViewSwitches(): JSX.Element {
       <button type="button" class="icon" aria-label="Names" aria-pressed={names.value} title="Show names" onClick={() => (names.value = !names.value)}>
         <Sign of="tag" />
       </button>
-      <select class="unit" aria-label="Unit of lengths" title="Unit in which lengths are shown; a field takes 12 mm, 0.5 in or 1.2 m whatever is chosen" value={length.value} onChange={(e) => measureIn(e.currentTarget.value as Length)}>
+      <select class="unit" aria-label="Unit of lengths" title="Unit in which lengths are shown; a field accepts 12 mm, 0.5 in or 1.2 m with any unit" value={length.value} onChange={(e) => measureIn(e.currentTarget.value as Length)}>
         {LENGTHS.map((unit) => (
           <option key={unit}>{unit}</option>
         ))}
@@ -144,7 +144,7 @@ export function ViewSwitches(): JSX.Element {
   );
 }
 
-/** What the tool in hand asks for next, or what was last said; read aloud. */
+/** The next request of the chosen tool, or the last message; screen readers read it aloud. */
 export function Prompt(): JSX.Element {
   const hand = current();
   const ask = posed.value ? "" : hand.asks[Math.min(picks.value.length, hand.asks.length - 1)];

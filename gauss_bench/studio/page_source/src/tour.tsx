@@ -1,4 +1,4 @@
-// The tour of the first run: five steps, beside what they speak of. Once left it does not come back by itself.
+// The tour at the first start: five steps, each beside the part of the page that it explains. It is shown only once.
 import type { JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { anew, edit, touring } from "./state";
@@ -7,10 +7,10 @@ import { choose } from "./tools";
 const SEEN = "studio.tour";
 const STEPS: { title: string; text: string; at: string; do?: () => unknown }[] = [
   { title: "Draw", text: "Take a tool and click in the drawing. A bar that starts on a pin is joined to it; Ground pivot fixes a pin.", at: ".tools", do: () => choose("bar") },
-  { title: "See what it is", text: "Degrees of freedom and independent loops are counted as you draw. What does not fit together is explained, in place and on the right.", at: ".top" },
-  { title: "Move it", text: "With Select, drag any joint: the linkage follows, solved live, and stays on its branch.", at: ".canvas", do: () => choose("select") },
-  { title: "Play it", text: "Choose what is driven and press Play. Observed points draw their paths; speed, acceleration and torque stand below.", at: ".timeline" },
-  { title: "Hand it on", text: "Save writes the file that every command of the suite takes. Release lets engines run side by side. Share makes a link.", at: ".top .group" },
+  { title: "See what it is", text: "The page counts degrees of freedom and independent loops as you draw. It explains problems beside the parts and on the right.", at: ".top" },
+  { title: "Move it", text: "Choose Select and drag any joint: the linkage follows and stays on its branch.", at: ".canvas", do: () => choose("select") },
+  { title: "Play it", text: "Choose what is driven and press Play. Observed points draw their paths; curves of speed, acceleration and torque are below.", at: ".timeline" },
+  { title: "Hand it on", text: "Save writes a linkage file, which every command of the suite reads. Release runs engines side by side. Share makes a link.", at: ".top .group" },
 ];
 
 export function firstRun(): void {
@@ -63,7 +63,7 @@ export function Tour(): JSX.Element | null {
   );
 }
 
-/** On an empty drawing: three ways to begin. */
+/** Opens a template from an empty drawing. */
 export async function begin(name: string): Promise<void> {
   if (await edit("template", { name })) anew();
 }

@@ -1,9 +1,9 @@
-// Units: what people may write in a field, and the unit in which the page shows lengths. The server and the file have SI and degrees.
+// Units that users may write in a field, and the unit in which the page shows lengths. Server and file have SI units and degrees.
 import { signal } from "@preact/signals";
 
 export const LENGTHS = ["m", "mm", "in"] as const;
 export type Length = (typeof LENGTHS)[number];
-const KEPT = "studio.unit"; // for the session: another one begins in metres, as the file has them
+const KEPT = "studio.unit"; // kept for one session of the browser; a new session begins with metres, as in the file
 
 const kept = sessionStorage.getItem(KEPT) as Length | null;
 export const length = signal<Length>(kept && LENGTHS.includes(kept) ? kept : "m");
@@ -25,7 +25,7 @@ const UNITS: Record<string, Unit> = {
   rpm: [Math.PI / 30, 0, 0, -1, 1],
 };
 
-/** The unit that a text such as "N m s/rad" or "kg mm²" names; null where it names none. */
+/** Returns the unit that a text such as "N m s/rad" or "kg mm²" names; null if it names none. */
 function unitOf(text: string): Unit | null {
   const out: Unit = [1, 0, 0, 0, 0];
   for (const [place, part] of text.split("/").entries()) {
@@ -41,12 +41,12 @@ function unitOf(text: string): Unit | null {
   return out;
 }
 
-/** Whether both measure the same; with a mass in it a radian is a number, since N m s/rad is also written N m s. */
+/** Whether two units measure the same quantity; with a mass the radian does not count, because N m s/rad is also written N m s. */
 const alike = (a: Unit, b: Unit): boolean => a.every((power, i) => i === 0 || power === b[i] || (i === 4 && a[2] !== 0));
 
 const NUMBER = /^([-+−]?(?:\d+[.,]?\d*|[.,]\d+)(?:e[-+]?\d+)?)\s*(.*)$/i;
 
-/** The number that a text means in a unit; without a unit of its own it is in the one that is shown. Null where it means none. */
+/** Returns the number that a text gives in a unit, or null; a text without a unit has the shown unit. */
 export function read(text: string, unit: string): number | null {
   const [, digits, own] = NUMBER.exec(text.trim()) ?? [];
   if (digits === undefined) return null;
@@ -58,7 +58,7 @@ export function read(text: string, unit: string): number | null {
   return given[0] === wanted[0] ? number : Number(((number * given[0]) / wanted[0]).toPrecision(14)); // 25.4 mm are 0.0254 m
 }
 
-/** A sentence for a text that means nothing in a unit. */
+/** Returns the refusal of a text that gives no number in a unit. */
 export function refusal(text: string, unit: string): string {
   const given = text.trim();
   if (unit === "m") return `“${given}” is no length. Write for example 12 mm, 0.5 in or 1.2 m.`;
@@ -66,16 +66,16 @@ export function refusal(text: string, unit: string): string {
   return `“${given}” is no number${unit ? ` in ${shownUnit(unit)}` : ". It has no unit"}.`;
 }
 
-/** The unit in which a quantity is shown: lengths, speeds and accelerations follow the choice, all else is as in the file. */
+/** Returns the unit in which a quantity is shown: the chosen one for lengths, speeds and accelerations, else that of the file. */
 export const shownUnit = (unit: string): string => (/^m(\/s²?)?$/.test(unit) ? unit.replace("m", length.value) : unit);
 
-/** A value in a unit, as a number in the unit that is shown. */
+/** Converts a value from a unit to the shown unit. */
 export function inShown(value: number, unit: string): number {
   const shown = shownUnit(unit);
   return shown === unit ? value : (value * unitOf(unit)![0]) / unitOf(shown)![0];
 }
 
-/** A number as people write it: four significant digits, no tail of zeros. */
+/** Returns a number as text with four significant digits, without zeros at the end. */
 export function figure(value: number | null | undefined, digits = 4): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   if (value === 0 || Math.abs(value) < 1e-12) return "0";
@@ -85,10 +85,10 @@ export function figure(value: number | null | undefined, digits = 4): string {
 
 const IN_METRES = /(?<![\w.])(\d+(?:\.\d+)?(?:e[-+]?\d+)?) (m(?:\/s²?)?)(?![\w/²^·'"”])/g;
 
-/** A sentence of the server, whose lengths and speeds are in metres, in the unit that is shown. */
+/** Returns a sentence of the server with its lengths and speeds, which are in metres, converted to the shown unit. */
 export const retold = (text: string): string =>
   length.value === "m" ? text : text.replace(IN_METRES, (_, number: string, unit: string) => amount(Number(number), unit));
 
-/** A value with its unit, as it is shown. */
+/** Returns a value as text, in the shown unit and with this unit. */
 export const amount = (value: number | null, unit: string, digits = 4): string =>
   `${figure(value === null ? null : inShown(value, unit), digits)}${unit === "°" ? "°" : ` ${shownUnit(unit)}`}`;

@@ -1,9 +1,9 @@
-// The window on the plane: metres to pixels and back, zoom, fit, the grid's step.
+// The window on the plane: conversion between metres and pixels, zoom, fit, and the steps of the grid.
 import { computed, signal } from "@preact/signals";
 import type { Scene, XY } from "./protocol";
 import { inShown } from "./units";
 
-/** `scale` in pixels a metre; `origin`, the world's origin in pixels from the canvas's upper left corner. */
+/** `scale` [pixels per metre]; `origin`: the world's origin [pixels] from the upper left corner of the canvas. */
 export const view = signal<{ scale: number; origin: XY }>({ scale: 600, origin: [300, 400] });
 export const size = signal<XY>([800, 600]);
 
@@ -16,9 +16,9 @@ export const toWorld = ([x, y]: XY): XY => {
   return [(x - origin[0]) / scale, (origin[1] - y) / scale];
 };
 
-/** The grid's steps in metres: of fine and of strong lines, 1, 2 and 5 times powers of ten of the unit on show. */
+/** The distances of fine and of strong lines of the grid [m]: 1, 2 or 5 times a power of ten of the shown unit. */
 export const steps = computed<{ fine: number; strong: number }>(() => {
-  const unit = inShown(1, "m"); // units in a metre
+  const unit = inShown(1, "m"); // number of shown units in a metre
   const want = (9 / view.value.scale) * unit;
   const power = 10 ** Math.floor(Math.log10(want));
   const factor = [1, 2, 5, 10].find((f) => f * power >= want) ?? 10;
@@ -40,13 +40,13 @@ export function pan(dx: number, dy: number): void {
 
 const pointsOf = (scene: Scene | null): XY[] => [...(scene?.pins.map((p) => p.at) ?? []), ...(scene?.slides.flatMap((s) => [s.at, s.block_at]) ?? [])];
 
-const RIM = 16; // pixels: a joint nearer to the window's edge is cut
+const RIM = 16; // [pixels] a joint that is nearer to the window's edge counts as outside
 
-/** Whether all points of the scene, and those given, are in the window. */
+/** Whether all points of the scene, and the points `more`, are in the window. */
 export const within = (scene: Scene | null, more: XY[] = []): boolean =>
   [...pointsOf(scene), ...more].map(toScreen).every(([x, y]) => x >= RIM && y >= RIM && x <= size.value[0] - RIM && y <= size.value[1] - RIM);
 
-/** All points of the scene, and those given, in the window with a margin. */
+/** Fits all points of the scene, and the points `more`, into the window with a margin. */
 export function fit(scene: Scene | null, more: XY[] = []): void {
   const points = [...pointsOf(scene), ...more];
   const [w, h] = size.value;
@@ -63,7 +63,7 @@ export function fit(scene: Scene | null, more: XY[] = []): void {
   view.value = { scale: use, origin: [w / 2 - ((x0 + x1) / 2) * use, h / 2 + ((y0 + y1) / 2) * use] };
 }
 
-/** A world point on the nearest crossing of the fine grid. */
+/** Returns the crossing of the fine grid that is nearest to a point of the world. */
 export const onGrid = ([x, y]: XY): XY => {
   const step = steps.value.fine;
   const round = (v: number) => Number((Math.round(v / step) * step).toFixed(9));
