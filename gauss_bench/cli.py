@@ -18,7 +18,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 from gauss_bench.api.options import VERBS, Verb, parser
-from gauss_bench.api.telling import no_longer, plain, render, tell, tell_if_long
+from gauss_bench.api.telling import cancel_sentences, plain, render, tell, tell_if_long
 from gauss_bench.untrusted import BadInput, harmless
 
 BAD_INPUT, OWN_FAULT, NO_OUTPUT, INTERRUPTED = 2, 70, 74, 130  # exit codes; 70 and 74 as in sysexits.h, 130 as shells have it
@@ -138,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return OWN_FAULT
     finally:
-        no_longer()
+        cancel_sentences()
 
 
 def check_start(arguments: Sequence[str]) -> None:

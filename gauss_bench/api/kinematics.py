@@ -11,7 +11,7 @@ import pandas as pd
 
 from gauss_bench import metrics
 from gauss_bench.api.driven import free_at_start, load_with_drivers, move_by_drivers
-from gauss_bench.api.simulate import LinkState, Observed, PointState, link_states, observe_names, point_states
+from gauss_bench.api.simulate import LinkState, Observed, PointState, link_states, list_observed, point_states
 from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.link_units import link_type
@@ -232,7 +232,7 @@ def kinematics(
         singular=describe_singular(mechanism),
         link_types=types | {"ground": link_type(graph.elements(GROUND), frame=True)},
         branch_changes=_changes(mechanism, states),
-        observed=observe_names(mechanism, shown),
+        observed=list_observed(mechanism, shown),
         model=mechanism,
         trajectory=links,
         shown=shown,
