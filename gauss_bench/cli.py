@@ -25,7 +25,7 @@ BAD_INPUT, OWN_FAULT, NO_OUTPUT, INTERRUPTED = 2, 70, 74, 130  # exit codes; 70 
 EPOCH, LONGEST_EPOCH = "SOURCE_DATE_EPOCH", 12  # libraries write this time [s] into files; largest number of digits
 LEAST_MEMORY = 700 << 20  # bytes of address space: with less, the import of OpenBLAS may hang
 SHOWN = 40  # characters of a faulty argument that a message quotes
-FILES = "gauss_bench.api.files:describe_files"
+FILES = "gauss_bench.api.files:check_files"
 TRACE = "GAUSS_BENCH_TRACEBACK"  # environment variable: if set, a fault of the program shows its traceback
 
 

@@ -158,7 +158,7 @@ def diagnose(
 def subject_with_settings(
     engine: str | None, settings: str | None, integrator: str | None, stabilization: str | None, step: float | None
 ) -> Subject:
-    """Return an engine with the given settings; a setting that is None takes the engine's default."""
+    """Return an engine with the given settings to be diagnosed; a setting that is None takes the engine's default."""
     if engine is None:
         raise ChoiceError("--engine: name the engine to diagnose")
     offered = offer(engine)
@@ -177,7 +177,7 @@ def run_ladder(
     told: Told,
     question: ForceQuestion,
 ) -> tuple[Verdict, Run | None]:
-    """Diagnose runs with finer and finer steps or tolerances; return the verdict, and the first run or None if none was needed.
+    """Diagnose runs with finer and finer steps or tolerances; return the verdict and the first run (None if there was no run).
 
     Args:
         end: duration of the runs [s].
@@ -252,14 +252,14 @@ def compare_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refe
     # a reference without certificate has equally spaced samples, at times that need not be those of the run, and is interpolated;
     # error bars are not used here
     if not reference.certified:
-        q, v = truths.between(reference, trajectory.t)
+        q, v = truths.interpolate(reference, trajectory.t)
         reference = Reference.with_one_bar(replace(trajectory, q=q, v=v), reference.method)
     largest = state_errors(mechanism, trajectory, reference).largest  # kind -> largest error [m], [rad]
-    return [
-        f"{'as good as' if largest[kind] <= limit else 'not as good as'} the required {kind} error of {limit:g} {UNITS[kind]}: "
-        f"{largest[kind]:.1e} {UNITS[kind]}"
-        for kind, limit in required.items()
-    ]
+    sentences = []
+    for kind, limit in required.items():
+        verb, unit = "meets" if largest[kind] <= limit else "does not meet", UNITS[kind]
+        sentences.append(f"the run {verb} the required {kind} error of {limit:g} {unit}: its error is {largest[kind]:.1e} {unit}")
+    return sentences
 
 
 def find_reference(linkage: str, mechanism: Mechanism, until: float, deadline: float, told: Told) -> Reference:
@@ -272,8 +272,9 @@ def find_reference(linkage: str, mechanism: Mechanism, until: float, deadline: f
         return certified
     try:
         with Worker() as worker:
-            found = truths.truth(WayRun(linkage, mechanism, until), KNOWN, lambda: deadline - time.monotonic(), worker, told)
+            run = WayRun(linkage, mechanism, until)
+            truth = truths.compute_reference(run, KNOWN, lambda: deadline - time.monotonic(), worker, told)
     except truths.NoTruth as failure:
         motion = f"{mechanism.name}, scenario {mechanism.scenario}"
         raise ChoiceError(f"{motion}: there is no reference to compare with: {failure}") from failure
-    return Reference.with_one_bar(found.reference.samples, found.reference.method, found.bar)
+    return Reference.with_one_bar(truth.reference.samples, truth.reference.method, truth.bar)

@@ -135,7 +135,8 @@ def _check_compiler() -> Finding:
 def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
     """Report whether the code that an engine compiles once per user is built, can be built later, or cannot be built."""
     for offer in (x for x in known if x.usable and "build_once" in x.methods):
-        name, choices = f"{offer.name}, compiled", [Choice(x.name, x.integrator, x.stabilization) for x in offer.variants.values()]
+        name = f"{offer.name}, compiled"
+        choices = [Choice(x.name, x.integrator, x.stabilization) for x in offer.variants.values()]
         try:
             if lacking := _find_lacking(offer, choices):
                 yield Finding(name, "none", "missing", lacking)
@@ -148,14 +149,14 @@ def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
 
 
 def _find_lacking(offer: Offer, choices: Iterable[Choice]) -> str:
-    """Return why an engine's code cannot be compiled on this machine: the name of a missing compiler or library, or "".
+    """Return why an engine's code cannot be compiled on this machine, such as a missing compiler; "" if no choice lacks anything.
 
-    Engines that run in a worker are not asked here.
+    Only adapters of this package (SAFE) are asked; for others the result is "", because they are imported in a worker alone.
     """
     if offer.name not in SAFE:
         return ""
-    skipped = (get(offer.name).skip(load(TRIED), choice) for choice in choices)
-    return next((x for x in skipped if x and ABSENT.search(x)), "")
+    refusals = (get(offer.name).skip(load(TRIED), choice) for choice in choices)
+    return next((x for x in refusals if x and ABSENT.search(x)), "")
 
 
 def _try_engine(offer: Offer, told: Told) -> Finding:
