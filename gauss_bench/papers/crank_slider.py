@@ -52,7 +52,10 @@ def linkage() -> Mechanism:
 
 @cache
 def states(count: int = 24) -> tuple[ExampleState, ...]:
-    """Return the start of the example and `count` random states (fixed seed, speeds to 30 rad/s) with reference accelerations."""
+    """Return the start of the example and `count` random states (fixed seed, speeds up to 30 rad/s) with true accelerations.
+
+    The accelerations are computed in the crank angle alone.
+    """
     mechanism, kept = linkage(), list(KEPT)
     applied = Evaluator(mechanism).applied
     random, crank = random_states(mechanism, count), MinimalCoordinate(mechanism)
@@ -62,7 +65,10 @@ def states(count: int = 24) -> tuple[ExampleState, ...]:
 
 
 def derivative(function: Callable[[Any], Number], x: Array | float, direction: Array | float) -> Array:
-    """Return d/dt of function(x + t direction) at t = 0, exact to rounding (complex-step method)."""
+    """Return the derivative of a function at x along a direction, d/dt function(x + t direction) at t = 0, exact to rounding.
+
+    Complex-step method: f'(x) d = Im f(x + i h d) / h, which subtracts nothing, so that h can be as small as TINY.
+    """
     return np.asarray(function(x + 1j * TINY * direction).imag / TINY)
 
 

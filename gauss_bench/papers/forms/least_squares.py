@@ -65,7 +65,7 @@ def gauss_function(p: Problem, a: Number) -> Number:
 
 
 def root_function(p: Problem, a: Number, extra: Array | float = 0.0) -> Number:
-    """Return Gauss's function by eq. (2), or by eq. (3) with constraint forces `extra` that do work."""
+    """Return Gauss's function at accelerations a by eq. (2), or by eq. (3) with constraint forces `extra` (n,) that do work."""
     r = power(p.M, -0.5) @ (p.M @ a + p.f - p.Q - extra)
     return np.asarray(r @ r / 2)
 
@@ -75,12 +75,12 @@ def stationary(form: Form, p: Problem, a: Array | None = None) -> float:
 
     It is the largest component of the gradient projected on J a = 0, divided by the largest component of the whole gradient.
     """
-    full = gradient(lambda x: form(p, x), p.a if a is None else a)
-    return float(np.abs(projector(p) @ full).max() / np.abs(full).max())
+    slopes = gradient(lambda x: form(p, x), p.a if a is None else a)  # (n,)
+    return float(np.abs(projector(p) @ slopes).max() / np.abs(slopes).max())
 
 
 def same_function(form: Form, p: Problem) -> float:
-    """Compare a formula for Gauss's function with eq. (1) at random accelerations."""
+    """Return the relative difference of form(p, a), a formula for Gauss's function, from eq. (1) at random accelerations a."""
     a = draw().normal(size=p.n)
     return abs(float(form(p, a) / gauss_function(p, a)) - 1)
 
@@ -96,12 +96,12 @@ def stationary_with(form: Form, p: Problem) -> float:
 
 
 def differentiate(rate: Rate, q: Array, v: Array) -> Array:
-    """Return g of J a = g: minus the time derivative of rate(q, v) = J v at constant v."""
+    """Return g of J a = g (m,): minus the time derivative of rate(q, v) = J v at constant v, which leaves -J' v."""
     return -derivative(lambda x: rate(x, v), q, v)
 
 
 def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
-    """Return (rates of the constraints, q, v, a) at instants of motions of the crank-slider and of a knife edge on a circle."""
+    """Return (function J v of q and v, q, v, a) at instants of motions of the crank-slider and of a knife edge on a circle."""
     radius, omega, theta = 0.7, 3.0, 0.4  # [m], [rad/s], [rad] of the circular motion
     along, across = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
     # the knife edge is at the origin, and the centre of the circle is at the distance `radius` across its direction
@@ -114,7 +114,7 @@ def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
 
 
 def bias_left(form: Form, motion: tuple[Rate, Array, Array, Array]) -> float:
-    """Return the relative difference of form(rate, q, v), a formula for g of J a = g, from J a at an instant of `list_motions`."""
+    """Return the relative difference of form(rate, q, v), a formula for g of J a = g, from J a at an instant of a true motion."""
     rate, q, v, a = motion
     return relative(form(rate, q, v), gradient(lambda x: rate(q, x), v) @ a)
 
@@ -136,7 +136,7 @@ def every_solution(form: Form, p: Problem) -> float:
 
 
 def least_squares_residual(A: Array, x: Array, b: Array) -> float:
-    """Return |A^T (A x - b)| relative to its terms; it is zero where x minimises |A x - b|."""
+    """Return the largest entry of A^T (A x - b), relative to that of A^T b; it is zero where x minimises |A x - b|."""
     return float(np.abs(A.T @ (A @ x - b)).max() / np.abs(A.T @ b).max())
 
 
@@ -146,28 +146,28 @@ def contradicting_rows(form: Form, p: Problem) -> float:
     Random numbers of a tenth of the largest g are added to g. `form` computes the generalised inverse.
     """
     rng = draw()
-    noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
-    a = general_solution(noisy, form(p.J, rng), rng.normal(size=p.n))
-    return least_squares_residual(p.J, a, noisy.g)
+    contradicting = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
+    a = general_solution(contradicting, form(p.J, rng), rng.normal(size=p.n))
+    return least_squares_residual(p.J, a, contradicting.g)
 
 
 def matrix(p: Problem, exponent: float = 0.5) -> Array:
-    """Return A = M^exponent N, eq. (10) if the exponent is 1/2."""
+    """Return A = M^exponent N (n, n), eq. (10) if the exponent is 1/2."""
     return power(p.M, exponent) @ projector(p)
 
 
 def vector(p: Problem, exponent: float = 0.5) -> Array:
-    """Return b = -(M^exponent J^+ g + M^(-1/2) (f - Q)), eq. (11) if the exponent is 1/2."""
+    """Return b = -(M^exponent J^+ g + M^(-1/2) (f - Q)) (n,), eq. (11) if the exponent is 1/2."""
     return -(power(p.M, exponent) @ pinv(p.J) @ p.g + power(p.M, -0.5) @ (p.f - p.Q))
 
 
 def matrix_off(exponent: float, p: Problem) -> float:
-    """Return the relative error of A = M^exponent N against M^(-1/2) M N, the factor of h if (8) is put into (2)."""
+    """Return the relative error of A = M^exponent N against M^(-1/2) M N, the factor of h if eq. (8) is put into eq. (2)."""
     return relative(matrix(p, exponent), power(p.M, -0.5) @ p.M @ projector(p))
 
 
 def vector_off(exponent: float, p: Problem) -> float:
-    """Return the relative error of `vector` against minus the terms without h if (8) is put into (2)."""
+    """Return the relative error of `vector` against minus the terms without h if eq. (8) is put into eq. (2)."""
     return relative(vector(p, exponent), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g))
 
 
@@ -188,7 +188,7 @@ def printed_exponents(p: Problem) -> Array:
 
 
 def acceleration_off(form: Form, p: Problem) -> float:
-    """Return the relative error of the accelerations form(p)."""
+    """Return the relative error of form(p), a formula for the accelerations."""
     return relative(form(p), p.a)
 
 
@@ -206,7 +206,7 @@ def square_off(form: Callable[[Array, Array, Array], float], p: Problem) -> floa
 
 
 def unit_dependence(form: Form, p: Problem) -> float:
-    """Return the relative change of the crank's acceleration in form(p) if lengths are given in millimetres."""
+    """Return the relative change of the crank's acceleration by form(p) if lengths are in millimetres instead of metres."""
     return float(abs(form(problems.in_millimetres(p))[CRANK] / form(p)[CRANK] - 1))
 
 
@@ -282,12 +282,12 @@ def normal_inverse(p: Problem) -> Array:
 
 
 def inverse_off(form: Form, p: Problem) -> float:
-    """Compare form(p), an inverse of A = M^(1/2) N, with the Moore-Penrose inverse by singular values."""
+    """Return the relative error of form(p), an inverse of A = M^(1/2) N, against the Moore-Penrose inverse by singular values."""
     return relative(form(p), pinv(power(p.M, 0.5) @ projector(p)))
 
 
 def free_motion(p: Problem) -> Array:
-    """Return the accelerations M^-1 (Q - f) without constraints: eq. (16) if N N^-1 was the unit matrix."""
+    """Return the accelerations M^-1 (Q - f) without constraints, which are those of eq. (16) if N N^-1 is the unit matrix."""
     return np.asarray(np.linalg.solve(p.M, p.Q - p.f))
 
 
@@ -303,7 +303,8 @@ def final_of_14(p: Problem) -> Array:
 
 def accelerations_off(form: Form, on: str = "") -> float:
     """Return the largest relative error of form(p) on all problems, or on those of the kind `on` (`special_problems`)."""
-    return worst([acceleration_off(form, p) for p in (problems.special_problems(on) if on else problems.all_problems())])
+    cases = problems.special_problems(on) if on else problems.all_problems()
+    return worst([acceleration_off(form, p) for p in cases])
 
 
 def constraints_off(form: Form, p: Problem) -> float:
