@@ -1,6 +1,6 @@
 """Run all computations ("questions") of the comparison with one release, in a worker of the release's environment.
 
-A single result is a figure.
+The result of one computation is a `Figure`.
 """
 
 import re
@@ -42,7 +42,7 @@ MOVING, RESTING, MOTION, DRIFT = "accelerations in motion", "accelerations at re
 LIMIT = 20.0  # [s] time limit of one question
 BUDGET = 90.0  # [s] default of the time for all questions to one release
 LONGEST = 160  # largest number of characters of a message
-FOLDERS = re.compile(r"(/[\w.+-]+)+/(?=[\w.+-]+)")  # folders in a path, which belong to this machine
+FOLDERS = re.compile(r"(/[\w.+-]+)+/(?=[\w.+-]+)")  # the folders of a path, which differ between machines
 CASES = "release_cases"  # module of an engine's folder that builds probes and reads defaults
 
 
@@ -51,7 +51,8 @@ class Answers:
     """The results that one release of an engine's library computed.
 
     Attributes:
-        library: name and version that the library reports.
+        version: number of the release; library: name and version that the library reports.
+        python, numpy: versions in the environment of the release.
         how: text that says whether the hash of the release's file was checked.
         figures: the results, one for each question; empty if the release cannot be used.
         left_out: number of cases (a linkage with a setting) that were not run within the time budget.
@@ -70,6 +71,7 @@ class Answers:
 
     @property
     def usable(self) -> bool:
+        """Whether the release gave results."""
         return self.status == Status.OK
 
 
@@ -114,13 +116,12 @@ def distrust(answers: Answers) -> Answers:
     This happens, for example, if numpy reads the library's arrays wrongly.
     """
     computed = [x for x in answers.figures if x.quantity != DEFAULT]
-    through_adapter = [x for x in computed if x.quantity in (MOVING, RESTING) and x.status != Status.SKIP]
-    trusted = any(x.status == Status.OK for x in through_adapter) or not through_adapter
-    if trusted and any(x.status == Status.OK for x in computed):
+    by_adapter = [x for x in computed if x.quantity in (MOVING, RESTING) and x.status != Status.SKIP]
+    is_accepted = any(x.status == Status.OK for x in by_adapter) or not by_adapter
+    if is_accepted and any(x.status == Status.OK for x in computed):
         return answers
-    failed = through_adapter if through_adapter else computed
-    reasons = dict.fromkeys(x.message for x in failed if x.message)
-    message = f"every case fails: {next(iter(reasons), 'none was asked')}"
+    reasons = [x.message for x in by_adapter or computed if x.message]
+    message = f"every case fails: {reasons[0] if reasons else 'none was asked'}"
     return replace(answers, figures=(), status=str(Status.ERROR), message=message)
 
 
@@ -132,9 +133,10 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
     """
     linkage, scenario, choice = case
     mechanism, states = mechanism_of(linkage, scenario), states_of(linkage, scenario)
-    wanted = sampling_at(STEP, SAMPLES if linkage == FIRST else [0.0, STEP])  # other runs only ask for accelerations
+    # on other linkages than FIRST the run is one step long, because only accelerations are read
+    sampling = sampling_at(STEP, SAMPLES if linkage == FIRST else [0.0, STEP])
     ask = partial(accelerations, states.t, states.q, states.v)
-    request = Request(mechanism.name, mechanism.scenario, name, choice, wanted, ask, answers=states.q.size)
+    request = Request(mechanism.name, mechanism.scenario, name, choice, sampling, ask, answers=states.q.size)
     run = run_apart(request, mechanism, LIMIT, worker)
     setting = " ".join(x for x in (choice.settings, choice.integrator, choice.stabilization) if x != "none")
     place = mechanism.name, setting  # the fields `case` and `setting` of every figure
@@ -150,8 +152,8 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
         return
     shifted = []  # runs from slightly changed starts, which show how much rounding alone changes the result
     for seed in range(SHIFTS):
-        again = replace(request, ask=nothing, answers=0, alter=partial(shift_start, seed))
-        shifted.append(run_apart(again, mechanism, LIMIT, worker))
+        changed = replace(request, ask=nothing, answers=0, alter=partial(shift_start, seed))
+        shifted.append(run_apart(changed, mechanism, LIMIT, worker))
     yield from read_motion(case, place, run, [x for x in shifted if x.trajectory], choice.integrator in offered.adaptive)
 
 
@@ -204,13 +206,17 @@ def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
 
 
 def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
-    """Yield the accelerations of probes, which are small models with one kind of loop closure, or the reason why there are none."""
-    module = f"{library.adapter_package}.{CASES}"  # the engine's functions that build and ask probes
-    listed = call_engine_function(worker, f"{module}:list_probes")
-    if isinstance(listed, str):
-        yield Figure(CLOSURE, "", "all", str(Status.ERROR), listed)
+    """Yield the accelerations of probes, which are small models with one kind of loop closure each.
+
+    In place of the results of a probe, or of all probes, a figure has the reason of a failure.
+    """
+    module = f"{library.adapter_package}.{CASES}"  # the engine's functions that build probes and compute their accelerations
+    probes = call_engine_function(worker, f"{module}:list_probes")
+    if isinstance(probes, str):
+        yield Figure(CLOSURE, "", "all", str(Status.ERROR), probes)
         return
-    for name, model in ((x["name"], x["model"]) for x in listed):  # kind of closure, as the library names it, and its model
+    for probe in probes:
+        name, model = probe["name"], probe["model"]  # kind of closure, as the library names it, and its model
         states = states_of_probe(model)
         answer = call_engine_function(worker, f"{module}:ask_probe", name, states.q, states.v)
         if isinstance(answer, np.ndarray) and answer.shape == states.q.shape and np.isfinite(answer).all():
@@ -225,7 +231,7 @@ def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
 def call_engine_function(worker: Worker, place: str, *arguments: object) -> Any:
     """Return the result of a function MODULE:FUNCTION in the worker process, or a text with the reason if the call fails.
 
-    No function that is called here returns a text itself.
+    A text always is such a reason, because no function that is called here returns a text.
     """
     try:
         return worker.call(ask_room, (place, *arguments), LIMIT)
@@ -242,7 +248,8 @@ def as_data(answers: Answers) -> dict[str, Any]:
 def from_data(data: Mapping[str, Any]) -> Answers:
     """Return the answers of a release, given the dictionary that `as_data` made of them."""
     figures = []
-    for x in data["figures"]:  # lists of numbers are empty if the release gave none
+    for x in data["figures"]:
+        # an empty list has lost the number of axes of its array
         values, shifted = np.array(x["values"] or np.zeros((0, 0))), np.array(x["shifted"] or np.zeros((0, 0, 0)))
         figures.append(Figure(**x | {"values": values, "shifted": shifted}))
     return Answers(**{**data, "figures": tuple(figures)})

@@ -23,12 +23,12 @@ from gauss_bench.releases.library import Library
 from gauss_bench.trajectory import in_a_sentence
 
 NUMPY = "numpy>=2"  # requirement of the code that runs in the environment beside the library
-PATIENCE = ("--retries", "1", "--quiet")  # options of pip, with which it soon fails if the index does not answer
+PATIENCE = ("--retries", "1", "--quiet")  # options of pip: with a single retry it fails soon if the index does not answer
 CHECKED, BY_VERSION = "its hash is listed", "installed by its version"
 HOW = "how-installed"  # text file in an environment with CHECKED or BY_VERSION, written at the end of the installation
 WITHOUT_A_WHEEL = "No matching distribution"  # words in pip's message if the index has no wheel for this machine
 IMPOSSIBLE = "ResolutionImpossible"  # word in pip's message if requirements contradict each other
-AGAIN = "again"  # ending of the second name of the newest release, under another path of its interpreter
+AGAIN = "again"  # ending of the second name of the newest release
 LONGEST = 120.0  # [s] time limit for listing the releases of an index
 
 
@@ -74,7 +74,7 @@ def install_release(library: Library, version: str, told: Told) -> Release:
             try:
                 _install(library, version, place)
             except InstallationFault as fault:
-                return Release(library.engine, version, reason=explain(library, version, str(fault)))
+                return Release(library.engine, version, reason=explain_failure(library, version, str(fault)))
     how = (place / HOW).read_text(encoding="utf-8")
     return Release(library.engine, version, str(interpreter_in(place)), how)
 
@@ -91,10 +91,13 @@ def _install(library: Library, version: str, place: Path) -> None:
         """Drop a line of pip's output; if pip fails, the message of the failure quotes the output."""
 
     def fill(folder: Path) -> None:
-        """Download the release's wheel, check its hash, install it with numpy and further requirements; write down the check."""
+        """Download the release's wheel, check its hash, and install it with numpy and further requirements.
+
+        The file HOW records whether the hash was checked.
+        """
         with tempfile.TemporaryDirectory() as downloads:
-            wanted = f"{library.package}=={version}"
-            fetch = [*pip_of(folder), "download", *OPTIONS, *PATIENCE, "--no-deps", "--dest", downloads, wanted]
+            requirement = f"{library.package}=={version}"
+            fetch = [*pip_of(folder), "download", *OPTIONS, *PATIENCE, "--no-deps", "--dest", downloads, requirement]
             run_program(fetch, failure, ignore, quiet=True)
             (wheel,) = Path(downloads).iterdir()
             note, further = check_hash(library, wheel), library.besides.get(version, [])
@@ -119,12 +122,12 @@ def check_hash(library: Library, wheel: Path) -> str:
     return CHECKED
 
 
-def explain(library: Library, version: str, failure: str) -> str:
-    """Return the reason of a failed installation in a sentence; `failure` is pip's message."""
+def explain_failure(library: Library, version: str, failure: str) -> str:
+    """Return a sentence on the reason of a failed installation; `failure` is pip's message."""
     if WITHOUT_A_WHEEL in failure:
         return f"pip finds no wheel of {library.package} {version} for this Python and machine"
     if IMPOSSIBLE in failure:
-        return f"{library.package} {version} does not go together with {NUMPY}"
+        return f"{library.package} {version} cannot be installed together with {NUMPY}"
     return in_a_sentence(failure)
 
 
@@ -144,7 +147,11 @@ def list_available(release: Release, library: Library) -> list[str]:
 
 
 def read_available(answer: str, package: str) -> list[str]:
-    """Return the releases in the output of `pip index versions`; InstallationFault is raised if it has none."""
+    """Return the releases in the output of `pip index versions`, in its order.
+
+    Raises:
+        InstallationFault: the output lists no releases.
+    """
     for line in answer.splitlines():
         title, _, versions = line.partition(":")
         if title == "Available versions":
@@ -154,7 +161,7 @@ def read_available(answer: str, package: str) -> list[str]:
 
 @contextlib.contextmanager
 def as_engines(library: Library, releases: Sequence[Release]) -> Iterator[None]:
-    """While the context is open, register releases of a library as engines in this process.
+    """Register releases of a library as engines in this process while the context is open.
 
     The newest release, the last of `releases`, is also registered under a second name, to be timed against itself. A file of
     engines temporarily replaces the user's own.
