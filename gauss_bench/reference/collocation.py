@@ -48,7 +48,7 @@ class Tableau:
     expansion: Array
 
     def forecast(self, ratio: Any = 1) -> Array:
-        """Return the matrix (s, s) from values at the nodes of a step to those at the next step, which is `ratio` times as long."""
+        """Return the matrix (s, s) that extrapolates values at the nodes of a step to those of the next, `ratio` times as long."""
         return np.asarray(legendre_values(1 + 2 * ratio * self.c, len(self.c)).T @ self.expansion)
 
 
