@@ -23,7 +23,7 @@ import numpy as np
 from gauss_bench.advice.answer import BEATS, LOOPS, UNITS, Answer, format_errors, format_setting
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import race_there
-from gauss_bench.advice.truth import MORE, NoTruth, Truth, compute_reference
+from gauss_bench.advice.truth import MORE, NoTruth, Told, Truth, compute_reference
 from gauss_bench.bench.clock import ratio_columns, spread, time_of
 from gauss_bench.bench.search import coarsest, equal_steps, explore, nearest, no_coarser, pick_winner, tolerances
 from gauss_bench.bench.survived import list_survivors
@@ -62,8 +62,7 @@ WRITTEN = 15.0  # [s] that writing the program of the advised setting may take e
 WAITS = 4.0  # largest elapsed time of this writing, in units of WRITTEN: it may wait while other programs have the processor
 LONGEST = 0.15  # share of the budget that one run may take; the first run of an engine may take twice as long, because it compiles
 
-Told = Callable[[str], object]
-Better = Callable[[Answer], object]
+Better = Callable[[Answer], object]  # a function that is called with each answer that improves on the engine's previous one
 
 
 class TriedSetting(NamedTuple):

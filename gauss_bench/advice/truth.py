@@ -38,6 +38,8 @@ AGREEMENT = 1e-6  # allowed relative difference of accelerations from those in n
 ERROR_GROWTH = 16.0  # through every second sample, an interpolation of order six is 2^6 = 64 times as far off; 64/4 is relied on
 SHORTER, ATTEMPTS = 4.0, 3  # divisor of a duration without a reference, and number of durations that are tried
 
+Told = Callable[[str], object]  # a function that is called with each sentence of progress
+
 
 class NoTruth(ArithmeticError):
     """No reference is accurate enough to judge by."""
@@ -99,9 +101,7 @@ def interpolate(known: Reference | Trajectory, times: Array) -> tuple[Array, Arr
     return q, (u + s * (b + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h
 
 
-def compute_reference(
-    run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Callable[[str], object]
-) -> Truth:
+def compute_reference(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Told) -> Truth:
     """Return a reference whose error bars are within `wanted`, or as small as time and rounding allow.
 
     One pair of runs with few steps is tried first, in numpy, then compiled runs, for at most the share COMPILED of the budget, and
@@ -144,11 +144,10 @@ def compute_reference(
             is_accurate = try_steps("gauss-native", worker, 1 - COMPILED, NATIVE)
         is_accurate = is_accurate or try_steps("gauss", numpy_worker, 0.0, 2 * PLAIN)
         if not references:
-            why = "; ".join(dict.fromkeys(reasons.values()))
+            why = [*dict.fromkeys(reasons.values())]
             if left() <= 0:
-                ended = f"; {why}" if why else ""
-                raise NoTruth(f"no reference within {budget:.3g} s, its share of the budget; {MORE}{ended}")
-            raise NoTruth(f"the motion cannot be followed: {why}")
+                raise NoTruth("; ".join([f"no reference within {budget:.3g} s, its share of the budget; {MORE}", *why]))
+            raise NoTruth(f"the motion cannot be followed: {'; '.join(why)}")
         best = references[-1]
         if not is_accurate:  # the one whose error bars are smallest relative to the wanted ones
             best = min(references, key=lambda x: max(x.bars.get(k, 0.0) / y for k, y in wanted.items()))

@@ -24,7 +24,7 @@ from gauss_bench.metrics import state_errors
 from gauss_bench.reach import UNITS
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, run_apart
-from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, check_size, duration, offer
+from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, check_positive, check_size, duration, offer
 from gauss_bench.runs.one_run import Run, Sampling
 from gauss_bench.runs.questions import ForceQuestion, ask_along
 from gauss_bench.runs.worker import Worker
@@ -241,8 +241,7 @@ def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: s
         raise ChoiceError(f"--integrator {integrator}: MJCF has {', '.join(INTEGRATORS)}")
     if stabilization not in (None, "none"):
         raise ChoiceError(f"--stabilization {stabilization}: MuJoCo has none but the solref of its closures")
-    if not (np.isfinite(step) and step > 0):
-        raise ChoiceError(f"the step must be a positive number of seconds, not {step}")
+    check_positive("the step", step)
     choice = Choice(setting_text(file.path, {}), integrator, "none", step)
     return Subject(ENGINE, "mujoco", f"as {file.path.name} has them", choice, offer(ENGINE), file)
 

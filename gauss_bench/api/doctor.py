@@ -8,7 +8,6 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -129,7 +128,7 @@ def _check_compiler() -> Finding:
     if path is None:
         without = f"{NO_COMPILER}; by_hand cannot run, and casadi runs in its own virtual machine, which is slower"
         return Finding("C compiler", "none", "missing", without)
-    return Finding("C compiler", str(Path(path)))
+    return Finding("C compiler", path)
 
 
 def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:

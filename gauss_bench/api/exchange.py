@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from dataclasses import replace as replace_fields
 from pathlib import Path
 
-import numpy as np
-
 from gauss_bench.advice.answer import LOOPS, format_errors, format_limits
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import SEARCHED, Recommender
@@ -230,7 +228,7 @@ def export(
 
 def _check_step(engine: str, kind: Kind, step: float | None, tuned: bool) -> None:
     """Check the arguments that determine the time step [s] of an exported file."""
-    if step is not None and not (np.isfinite(step) and step > 0):
+    if step is not None and not 0.0 < step < float("inf"):
         raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
     if step is not None and tuned:
         raise ChoiceError("either a step, or tuned, which finds one")

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from gauss_bench.advice.answer import format_setting
+from gauss_bench.advice.answer import format_errors, format_setting
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import KNOWN
 from gauss_bench.advice.truth import NoTruth, compute_reference
@@ -38,6 +38,7 @@ COMPILED_STEP = 2e-6  # [s] time of a compiled step of a linkage of usual size
 QUICK, PRECISE = 1e-6, 1e-9  # error bars of the two references, relative to the linkage's size, and [rad]
 ROUGH = 1e-3  # largest error bar of a reference that is used, relative to the linkage's size, and [rad]
 COMPARED = 400  # largest number of samples that are compared
+KINDS = ("position", "angle")  # kinds of error that are measured
 NUMPY = "gauss"  # own formulation whose run is judged if the engine of a program in C cannot be used
 
 
@@ -223,13 +224,12 @@ def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Comparison:
             else:
                 bars = truth.bars
                 if max(bars["position"] / size, bars["angle"]) > ROUGH:
-                    known = f"{bars['position']:.1e} m and {bars['angle']:.1e} rad"
-                    reason = f"the motion is known to {known} only: {truth.description}"
+                    reason = f"the motion is known to {format_errors(bars, KINDS)} only: {truth.description}"
             if reason:  # the first reference, if there is one, is better than none
                 return best if best.known is not None else Comparison(f"{best.reference}: {reason}")
             errors = state_errors(run.mechanism, samples, truth.at(run, samples.t)).largest
             best = Comparison(truth.description, errors["position"], errors["angle"], truth.bar)
-            if all(bars[kind] <= KNOWN * errors[kind] for kind in ("position", "angle")):
+            if all(bars[kind] <= KNOWN * errors[kind] for kind in KINDS):
                 break
     return best
 

@@ -24,7 +24,7 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import holds
 from gauss_bench.linkage.load import built_in, find, load
 from gauss_bench.reach import BY_AUTHORS, UNITS
-from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, offers
+from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, check_positive, duration, offers
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.trajectory import RunFailure
 
@@ -185,8 +185,7 @@ def list_requirements(**limits: float | None) -> dict[str, float]:
     if not wanted:
         raise ChoiceError("say what is required: --position, --angle or --force")
     for kind, x in wanted.items():
-        if not (math.isfinite(x) and x > 0):
-            raise ChoiceError(f"the {kind} error that is allowed must be a positive number of {UNITS[kind]}, not {x:g}")
+        check_positive(f"the {kind} error that is allowed", x, f" of {UNITS[kind]}")
     return wanted
 
 

@@ -19,7 +19,7 @@ from gauss_bench.mechanism.spaces import bodies
 from gauss_bench.metrics import Loads
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, build_first, run_of
-from gauss_bench.runs.offers import ChoiceError, Offer, check_affordable, offer
+from gauss_bench.runs.offers import ChoiceError, Offer, check_affordable, check_positive, offer
 from gauss_bench.runs.one_run import Run, sampling_through
 from gauss_bench.runs.scrutiny import (
     as_truth,
@@ -281,8 +281,7 @@ def simulate(
     at = sorted(set(at)) if at else [0.0, mechanism.duration]
     if not all(np.isfinite(x) and x >= 0 for x in at):
         raise ChoiceError("--at: times must be numbers that are not negative")
-    if not (np.isfinite(limit) and limit > 0):
-        raise ChoiceError(f"the limit must be a positive number of seconds, not {limit}")
+    check_positive("the limit", limit)
     # a report at single times needs no run beyond the last of them, but plots, tables and loads need the whole motion
     end = max(at[-1], mechanism.duration) if whole or forces else at[-1]
     # the fields of `Simulation` that are known before the run

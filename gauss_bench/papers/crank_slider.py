@@ -31,7 +31,6 @@ L1, L2 = 0.15, 0.56  # [m]
 STIFFNESS, DAMPING, TORQUE = 5.0, 1.0, -0.5  # [N/m], [N s/m], [N m]
 I1, I2 = M1 * L1**2 / 12, M2 * L2**2 / 12  # [kg m^2] not given in the paper: uniform bars are assumed
 GRAVITY = 9.81  # [m/s^2] not given in the paper
-START = (0.075, 0.0, 0.0, 0.43, 0.0, 0.0, 0.71)
 
 
 @dataclass(frozen=True, eq=False)

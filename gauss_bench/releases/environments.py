@@ -55,17 +55,12 @@ class Release:
         return f"{self.engine}-{self.version}"
 
 
-def folder_of_releases() -> Path:
-    """Return the folder of all environments of releases, which need not exist."""
-    return home().with_name("releases")
-
-
 def install_release(library: Library, version: str, told: Told) -> Release:
     """Install a release unless it is installed already, and return it.
 
     If the installation fails, the returned release has the reason. `told` is called with a sentence before an installation begins.
     """
-    folder = folder_of_releases()
+    folder = home().with_name("releases")  # has the environments of all releases
     folder.mkdir(parents=True, exist_ok=True)
     place = folder / Release(library.engine, version).name
     if not (is_ours(place) and (place / HOW).is_file()):
