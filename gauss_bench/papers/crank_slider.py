@@ -63,6 +63,11 @@ def states(count: int = 24) -> tuple[ExampleState, ...]:
     return tuple(ExampleState(q[kept], v[kept], a[kept], applied.generalised(q, v)[kept]) for q, v, a in rows)
 
 
+def moving_states() -> tuple[ExampleState, ...]:
+    """Return all states except the start, which is at rest."""
+    return states()[1:]
+
+
 def derivative(function: Callable[[Any], Number], x: Array | float, direction: Array | float) -> Array:
     """Return the derivative of a function at x along a direction, d/dt function(x + t direction) at t = 0, exact to rounding.
 

@@ -15,17 +15,7 @@ import numpy as np
 from gauss_bench.bench.measure import mechanism_of
 from gauss_bench.mechanism.evaluate import evaluator_of
 from gauss_bench.metrics import drift, state_errors
-from gauss_bench.releases.cases import (
-    FIRST,
-    SAMPLES,
-    SHIFTS,
-    STATES,
-    STEP,
-    Case,
-    list_cases,
-    states_of,
-    truth_of,
-)
+from gauss_bench.releases.cases import FIRST, SAMPLES, SHIFTS, STATES, STEP, Case, list_cases, states_of, truth_of
 from gauss_bench.releases.compare import CLOSURE, DEFAULT, STEPS, Figure, relative_difference
 from gauss_bench.releases.environments import Release
 from gauss_bench.releases.library import Library

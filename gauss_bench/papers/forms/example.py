@@ -27,11 +27,6 @@ SHOWN = 0.5  # [s] time over which integrators are compared, most of the first t
 STEP = 1e-3  # [s] step size of explicit Euler, which a reader might assume
 
 
-def moving_states() -> tuple[ExampleState, ...]:
-    """Return all states except the start, which is at rest."""
-    return states()[1:]
-
-
 def mass_off(form: Callable[[], Array]) -> float:
     """Return the largest relative difference between the diagonal of M, eq. (17), and that of the linkage file."""
     true = linkage().mass[list(KEPT)]

@@ -106,9 +106,8 @@ def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
     along, across = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
     # the knife edge is at the origin, and the centre of the circle is at the distance `radius` across its direction
     on_circle = np.array([0.0, 0.0, theta]), np.append(radius * omega * along, omega), np.append(radius * omega**2 * across, 0.0)
-    moving = crank_slider.states()[1:]  # without the start, which is at rest
     return [
-        *((lambda q, v: np.asarray(crank_slider.jacobian(q) @ v), s.q, s.v, s.a) for s in moving),
+        *((lambda q, v: np.asarray(crank_slider.jacobian(q) @ v), s.q, s.v, s.a) for s in crank_slider.moving_states()),
         (lambda q, v: np.array([np.cos(q[2]) * v[1] - np.sin(q[2]) * v[0]]), *on_circle),  # velocity across the knife edge
     ]
 

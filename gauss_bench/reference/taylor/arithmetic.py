@@ -64,7 +64,7 @@ def scale_by(k: Value, a: Vector) -> Vector:
     return k * a[0], k * a[1]
 
 
-def quarter(a: Vector) -> Vector:
+def perp(a: Vector) -> Vector:
     """Return i a, the vector turned by 90 degrees counterclockwise."""
     return -a[1], a[0]
 

@@ -27,18 +27,7 @@ import numpy as np
 
 from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Prismatic
-from gauss_bench.reference.taylor.arithmetic import (
-    NUMBERS,
-    Arithmetic,
-    Long,
-    Value,
-    Vector,
-    plus,
-    product,
-    quarter,
-    scale_by,
-    total,
-)
+from gauss_bench.reference.taylor.arithmetic import NUMBERS, Arithmetic, Long, Value, Vector, perp, plus, product, scale_by, total
 from gauss_bench.terms import Array
 
 NONE = -1  # in place of the index of an angle a vector in world axes; in place of the index of a displacement the length 1
@@ -256,7 +245,7 @@ class Instant:
         def change_of(key: Key) -> Vector:
             """Return the change of the vector l e with a key."""
             angle, length = key
-            turn = scale_by(dx.get(angle, 0), quarter(self(key)))
+            turn = scale_by(dx.get(angle, 0), perp(self(key)))
             return plus(turn, scale_by(dx.get(length, 0), self((angle, NONE))))
 
         return change_of
@@ -270,7 +259,7 @@ class Instant:
             angle, length = key
             w = v.get(angle, 0)
             inward = scale_by(-(w * w), self(key))
-            return plus(inward, scale_by(2 * (v.get(length, 0) * w), quarter(self((angle, NONE)))))
+            return plus(inward, scale_by(2 * (v.get(length, 0) * w), perp(self((angle, NONE)))))
 
         return bias_of
 
