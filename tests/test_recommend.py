@@ -15,16 +15,7 @@ from gauss_bench.advice import budget
 from gauss_bench.advice import truth as truths
 from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import Budget
-from gauss_bench.advice.recommending import (
-    SHARE,
-    WRITTEN,
-    Recommender,
-    TriedSetting,
-    _Engine,
-    find_reason,
-    loop_ratios,
-    pick_finalists,
-)
+from gauss_bench.advice.recommending import SHARE, WRITTEN, Recommender, TriedSetting, _Engine, find_reason, list_raced, loop_ratios
 from gauss_bench.advice.truth import NoTruth, Truth, compute_reference, interpolate
 from gauss_bench.api.recommend import Recommendation, list_remarks, list_variants, recommended_answer, with_snippet, write_advice
 from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
@@ -363,7 +354,7 @@ def test_of_an_engine_with_two_loops_both_are_raced_and_told():
     trials = {way: [Trial(0.01, {SHARE: 0.4}, 100 + k, evaluations=100 + k)] for k, way in enumerate([*compiled, called])}
     options = {name: x.options for name, x in offer("pinocchio").variants.items()}
     engine = _Engine("pinocchio", [], Worker(), (), trials=trials, options=options)
-    chosen = [way._replace(size=0.0) for way, _ in pick_finalists(engine)]
+    chosen = [way._replace(size=0.0) for way, _ in list_raced(engine)]
     assert chosen == [*compiled[:3], called]
     seconds = (3e-3, 4e-3, 5e-3, 6e-3, 7e-3, 6e-2)
     times = {way._replace(size=0.01): np.full(3, x) for way, x in zip((*compiled, called), seconds, strict=True)}
@@ -486,8 +477,8 @@ def test_half_of_the_requirement_holds_and_of_an_engine_four_race_whose_work_is_
     assert [(x.way.settings, x.way.size) for x in held.passing()] == [("b", 0.01), ("d", 0.01), ("a", 1 / 300)]
     near = engine_of({way("a"): (100, 0.1), way("b"): (400, 0.1), way("c"): (401, 0.1), way("d", "own"): (5000, 0.1)}, ("own",))
     many = engine_of({way(str(k)): (100 + k, 0.1) for k in range(6)})
-    assert [x.settings for x, _ in pick_finalists(near)] == ["a", "b", "d"]
-    assert [x.settings for x, _ in pick_finalists(many)] == ["0", "1", "2", "3"]
+    assert [x.settings for x, _ in list_raced(near)] == ["a", "b", "d"]
+    assert [x.settings for x, _ in list_raced(many)] == ["0", "1", "2", "3"]
 
 
 def test_a_variant_may_take_eight_times_the_work_of_the_best(recommender):

@@ -430,7 +430,7 @@ class Recommender:
     def race(self) -> dict[Way, Array]:
         """Time the accurate settings side by side in one process; return setting -> run time in each round (rounds,) [s]."""
         chosen: dict[Way, int | None] = {}  # setting -> number of steps
-        by_engine = [pick_finalists(x) for x in self.engines.values()]
+        by_engine = [list_raced(x) for x in self.engines.values()]
         for rank in range(CHOICES):  # the first settings of all engines before the second of any: time may end before all are timed
             chosen |= {settings[rank].way: settings[rank].trial.steps for settings in by_engine if rank < len(settings)}
         if not chosen or self.budget.remaining(RACED) <= 0:
@@ -540,7 +540,7 @@ def known_errors(trial: Trial) -> dict[str, float]:
     return {kind: x for kind, x in trial.errors.items() if kind in UNITS and not math.isnan(x)}
 
 
-def pick_finalists(engine: _Engine) -> list[TriedSetting]:
+def list_raced(engine: _Engine) -> list[TriedSetting]:
     """Return at most CHOICES settings of an engine to be timed: those whose work is at most NEAR times the least work.
 
     For each time loop that none of them uses, the setting with the least work in this loop is added. Adaptive integrators count as
