@@ -367,7 +367,7 @@ def test_of_an_engine_with_two_loops_both_are_raced_and_told():
 
 def engine_with(*trials, refused=None):
     way = Way("exudyn", "default", "rk4", "none", 0.0)
-    return _Engine("exudyn", [], Worker(), (), trials={way: list(trials)} if trials else {}, longest=6.0, refused=refused)
+    return _Engine("exudyn", [], Worker(), (), trials={way: list(trials)} if trials else {}, longest_limit=6.0, refused=refused)
 
 
 def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible():

@@ -97,7 +97,7 @@ class _Engine:
         trials: variant (a `Way` of size 0) -> its trial runs, one for each step or tolerance that was tried.
         cut: whether the search of a variant ended because its time was over.
         busy: whether a thread runs a variant now.
-        longest: the largest time limit of a run so far [s].
+        longest_limit: the largest time limit of a run so far [s].
         refused: the status and the reason if the engine cannot run the linkage.
         owner: the engine's authors if the variants are theirs; empty if they are the suite's.
     """
@@ -111,7 +111,7 @@ class _Engine:
     trials: dict[Way, list[Trial]] = field(default_factory=dict)
     cut: bool = False
     busy: bool = False
-    longest: float = 0.0
+    longest_limit: float = 0.0
     refused: tuple[Status, str] | None = None
     owner: str = ""
 
@@ -239,11 +239,11 @@ class Recommender:
                 raise NoTruth(f"{known}, more than a tenth of the required {limit:g} {UNITS[kind]}: {truth.description}")
         self.truth = truth
         # [s] the longest step, in which the fastest link turns by TURNED
-        self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
+        self.longest_step = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
         # With the first step that is tried, the reference's method would have an error of half the requirement. Its error is about
         # `halving` with `truth.steps` steps, and falls with steps^-ORDER.
         error_share = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
-        self.first = self.run.until / (truth.steps * (error_share / HALF.limit) ** (1 / ORDER))  # [s]
+        self.first_step = self.run.until / (truth.steps * (error_share / HALF.limit) ** (1 / ORDER))  # [s]
         threads = [threading.Thread(target=self._search_in_turn, daemon=True) for _ in range(LANES)]
         for thread in threads:
             thread.start()
@@ -303,7 +303,7 @@ class Recommender:
         scale, most = tolerances(smallest=12), 0  # tolerances down to 1e-12; most: largest number of steps, 0 if adaptive
         if not adaptive:
             most = self._step_limit(way, before)
-            scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
+            scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest_step)
         by_size: dict[float, Trial] = {}  # the search evaluates some sizes twice
         # [s] of the budget; the first variant of an engine has twice an equal share of the time that is left for the search
         time_left = self.budget.remaining(SEARCHED)
@@ -327,7 +327,8 @@ class Recommender:
         try:
             # if the time is over, the engine gets one run only; half the usual step makes it likely to be accurate
             is_late = is_first and self.budget.remaining(SEARCHED) <= 0
-            start = scale if adaptive else no_coarser(scale, self.first / 2 if is_late else self.first)
+            first_step = self.first_step / 2 if is_late else self.first_step
+            start = scale if adaptive else no_coarser(scale, first_step)
             # begin with coarser sizes as long as these are accurate enough
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
                 start = no_coarser(scale, 2 * start.sizes[0])
@@ -376,7 +377,7 @@ class Recommender:
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
         sampling = sample(self.run, steps, samples)
         limit, wall = self._limit(engine), max(self.budget.remaining_wall_time(TRIED), 1.0)
-        engine.longest = max(engine.longest, min(limit, wall))
+        engine.longest_limit = max(engine.longest_limit, min(limit, wall))
         request = request_of(self.run, way, adaptive, sampling)
         # again: the worker keeps the model, because further runs of this engine follow
         ran = run_apart(request, self.run.mechanism, limit, engine.worker, again=True, longest=wall)
@@ -590,7 +591,7 @@ def find_reason(engine: _Engine) -> Reach:
     # a refusal or crash at one setting says nothing about the errors of runs that did not end in time
     statuses = {trial.status for trial in trials}
     if Status.TIMEOUT in statuses and Status.OK not in statuses:
-        return not_tried(f"no run ended in the {engine.longest:.3g} s that it had")
+        return not_tried(f"no run ended in the {engine.longest_limit:.3g} s that it had")
     return reach(engine.trials.values(), [HALF])
 
 

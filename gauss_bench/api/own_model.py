@@ -85,10 +85,10 @@ def refuse_what_acts(file: OwnFile, until: float, worker: Worker) -> None:
     Raises:
         ExchangeError: a contact, joint limit or dry friction acts; the message names the element, and the time when it first acts.
     """
-    found = answer_in_worker(worker, acts_beside_loops, (str(file.path), file.key, until), ACTING, str(file.path))
-    if found["what"]:
+    first = answer_in_worker(worker, acts_beside_loops, (str(file.path), file.key, until), ACTING, str(file.path))
+    if first["what"]:  # the first contact, limit or friction that acts, in words; "" if there is none
         raise ExchangeError(
-            f"{file.path}: {found['what']} at t = {found['at']:.4g} s, which no linkage has: its motion cannot be judged"
+            f"{file.path}: {first['what']} at t = {first['at']:.4g} s, which no linkage has: its motion cannot be judged"
         )
 
 

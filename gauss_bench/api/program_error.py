@@ -92,6 +92,7 @@ class ProgramError(Result):
 
     @property
     def setting(self) -> str:
+        """The program's setting as text."""
         return format_setting(self.settings, self.integrator, self.stabilization, self.step, self.tolerance)
 
     @property

@@ -358,6 +358,7 @@ def _judge(mechanism: Mechanism, choice: Choice, runs: Runs, samples: Trajectory
     computed only with `forces`.
     """
     run, is_complete = runs.run, runs.run.trajectory is not None
+    # undecided: a sentence if the repetition covers only a part of the run, else ""
     evidence, undecided = evidence_of(mechanism, choice, samples, runs.reference, runs.finer, adaptive=runs.adaptive)
     verdict, last = judge(evidence), float(samples.t[-1])  # last: time of the last sample [s]
     status = (Status.OK if verdict.valid else Status.INVALID) if is_complete else run.status

@@ -88,10 +88,10 @@ class MinimalCoordinate:
             LostClosure: Newton's method does not converge.
         """
         q, d, e = (np.tile(x, (len(theta), 1)) for x in self.last)
-        way = theta - q[:, self.crank]  # (k,) turns from the last closed position to the angles, made in equal parts
-        parts = max(1, int(np.ceil(np.abs(way).max(initial=0.0) / LARGEST_TURN)))
+        total_turn = theta - q[:, self.crank]  # (k,) turns from the last closed position to the angles, made in equal parts
+        parts = max(1, int(np.ceil(np.abs(total_turn).max(initial=0.0) / LARGEST_TURN)))
         for part in range(1, parts + 1):
-            goal = theta - way * (1 - part / parts)
+            goal = theta - total_turn * (1 - part / parts)
             turn = (goal - q[:, self.crank])[:, None]
             try:  # Newton's method starts at the Taylor polynomial of second order from the position before
                 q, d, e = self._close(q + turn * (d + turn / 2 * e), goal)
