@@ -294,7 +294,7 @@ def _check_all_driven(mechanism: Mechanism) -> None:
 def _find_branch_changes(mechanism: Mechanism, states: Trajectory) -> list[BranchChange]:
     """Return all changes of the assembly branch during a motion, in the order of time."""
     branches = [branch_of(mechanism, q) for q in states.q]  # at each sample: name of a group of links -> +1 or -1
-    changes = []
+    changes: list[BranchChange] = []
     for t, (before, after) in zip(states.t[1:].tolist(), pairwise(branches), strict=True):
         changed = [group for group in before if before[group] != after[group]]
         changes += [BranchChange(t=t, group=group, before=before[group], after=after[group]) for group in changed]

@@ -35,7 +35,7 @@ def make_tables(engine: str, answers: Sequence[Answers], costs: Rows, cost_chang
     compared = compare_neighbours(answers)
     by_version = {after.version: changes for _, after, changes in compared}
     releases = [release_row(engine, x, by_version.get(x.version)) | {"commit": commit, "date": date} for x in answers]
-    changes = []
+    changes: Rows = []
     for before, after, comparisons in compared:
         changes += [change_row(engine, before.version, after.version, x) for x in real_changes(comparisons)]
     cost_rows = [{"engine": engine} | row for row in costs]

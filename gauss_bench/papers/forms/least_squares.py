@@ -70,7 +70,7 @@ def root_function(p: Problem, a: Number, extra: Array | float = 0.0) -> Number:
     return np.asarray(r @ r / 2)
 
 
-def stationary(form: Form, p: Problem, a: Array | None = None) -> float:
+def slope_off(form: Form, p: Problem, a: Array | None = None) -> float:
     """Return the slope of form(p, a), a formula for Gauss's function, along the constraints at a (by default p.a).
 
     It is the largest component of the gradient projected on J a = 0, divided by the largest component of the whole gradient.
@@ -79,20 +79,20 @@ def stationary(form: Form, p: Problem, a: Array | None = None) -> float:
     return float(np.abs(projector(p) @ slopes).max() / np.abs(slopes).max())
 
 
-def same_function(form: Form, p: Problem) -> float:
+def function_off(form: Form, p: Problem) -> float:
     """Return the relative difference of form(p, a), a formula for Gauss's function, from eq. (1) at random accelerations a."""
     a = draw().normal(size=p.n)
     return abs(float(form(p, a) / gauss_function(p, a)) - 1)
 
 
-def stationary_with(form: Form, p: Problem) -> float:
-    """Return the slope (`stationary`) of form(p, a, extra), eq. (3), at the true motion under random forces `extra` (n,).
+def work_off(form: Form, p: Problem) -> float:
+    """Return the slope (`slope_off`) of form(p, a, extra), eq. (3), at the true motion under random forces `extra` (n,).
 
     Constraint forces that do work act like applied forces: the true motion is that with Q + extra.
     """
     extra = draw().normal(size=p.n)
     true = problems.solve_problem(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
-    return stationary(lambda p, a: form(p, a, extra), p, true)
+    return slope_off(lambda p, a: form(p, a, extra), p, true)
 
 
 def differentiate(rate: Rate, q: Array, v: Array) -> Array:
@@ -112,7 +112,7 @@ def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
     ]
 
 
-def bias_left(form: Form, motion: tuple[Rate, Array, Array, Array]) -> float:
+def bias_off(form: Form, motion: tuple[Rate, Array, Array, Array]) -> float:
     """Return the relative difference of form(rate, q, v), a formula for g of J a = g, from J a at an instant of a true motion."""
     rate, q, v, a = motion
     return relative(form(rate, q, v), gradient(lambda x: rate(q, x), v) @ a)
@@ -123,7 +123,7 @@ def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
     return J_inverse @ p.g + (np.eye(p.n) - J_inverse @ p.J) @ h
 
 
-def every_solution(form: Form, p: Problem) -> float:
+def solution_off(form: Form, p: Problem) -> float:
     """Return the larger error of two statements on form(p, X, h), a formula for eq. (8) with a random generalised inverse X of J.
 
     For a random h the result satisfies J a = g, and for the true accelerations h = p.a it is p.a itself.
@@ -139,7 +139,7 @@ def least_squares_residual(A: Array, x: Array, b: Array) -> float:
     return float(np.abs(A.T @ (A @ x - b)).max() / np.abs(A.T @ b).max())
 
 
-def contradicting_rows(form: Form, p: Problem) -> float:
+def contradiction_off(form: Form, p: Problem) -> float:
     """Return the least-squares residual of redundant rows J a = g that contradict each other, for the accelerations of eq. (8).
 
     Random numbers of a tenth of the largest g are added to g. `form` computes the generalised inverse.
@@ -204,7 +204,7 @@ def square_off(form: Callable[[Array, Array, Array], float], p: Problem) -> floa
     return abs(form(matrix(p), vector(p), h) / float(G) - 1)
 
 
-def unit_dependence(form: Form, p: Problem) -> float:
+def unit_off(form: Form, p: Problem) -> float:
     """Return the relative change of the crank's acceleration by form(p) if lengths are in millimetres instead of metres."""
     return float(abs(form(problems.in_millimetres(p))[CRANK] / form(p)[CRANK] - 1))
 
@@ -224,7 +224,7 @@ def sides_off(form: Callable[[Array, Array, Array], tuple[Array, Array]], p: Pro
     return relative(*form(matrix(p), vector(p), p.a))
 
 
-def minimum_missed(form: Form, p: Problem) -> float:
+def minimum_off(form: Form, p: Problem) -> float:
     """Return the least-squares residual of h = A^- b + (I - A^- A) w, eq. (13), with A^- by `form` and a random w."""
     A, b, rng = matrix(p), vector(p), draw()
     X = form(A, rng)
@@ -245,7 +245,7 @@ def last_member_alone(p: Problem, w: Array) -> Array:
     return np.asarray(projector(p) @ pinv(A) @ A @ w)
 
 
-def with_any_w(form: Form, p: Problem) -> float:
+def free_vector_off(form: Form, p: Problem) -> float:
     """Return the relative error of the accelerations form(p, w) for a random vector w, ten times as large as the accelerations."""
     return relative(form(p, 10 * np.abs(p.a).max() * draw().normal(size=p.n)), p.a)
 
