@@ -411,7 +411,7 @@ def test_the_program_that_is_shown_is_that_of_the_advice():
     text = told_as([replace(raced, snippet="", message="no answer within 1 s"), unraced])
     assert "run_native()" not in text
     assert "Its program: no answer within 1 s." in text
-    assert "Take mujoco with rk4, step 0.01 s: it holds 1e-06 m with 1.0e-07 m in 5 ms a run. 1 other engine holds it" in text
+    assert "Take mujoco with rk4, step 0.01 s: it holds 1e-06 m with 1.0e-07 m in 5 ms a run. Accurate, not raced: gauss-" in text
     text = told_as([unraced])
     assert "Take gauss-native with rk4, step 0.01 s: it holds 1e-06 m with 1.0e-07 m (no setting was raced)." in text
     assert "run_native()" in text

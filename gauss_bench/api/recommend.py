@@ -275,11 +275,10 @@ def write_advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
     if best is None:
         return advise_without(answers, wanted)
     time = " (no setting was raced)" if best.seconds is None else f" in {format_duration(best.seconds)} a run"
-    others = [x for x in answers if x is not best and x.engine in (*FOREIGN, *ELSEWHERE) and x.ratio is not None]
-    next_best = f"; of other libraries {others[0].engine} comes next, {others[0].ratio:.3g} times as long" if others else ""
-    unraced = [x for x in answers if x is not best and x.status == "ok" and x.ratio is None]
-    count = f"{len(unraced)} other engine{' holds' if len(unraced) == 1 else 's hold'}"
-    more = f" {count} it too and had no race." if unraced and best.ratio is not None else ""
+    libraries = [x for x in answers if x is not best and x.engine in (*FOREIGN, *ELSEWHERE) and x.ratio is not None]
+    next_best = f"; the next library, {libraries[0].engine}, takes {libraries[0].ratio:.3g} times as long" if libraries else ""
+    unraced = [x.engine for x in answers if x is not best and x.status == "ok" and x.ratio is None]
+    more = f" Accurate, not raced: {', '.join(unraced)}." if unraced and best.ratio is not None else ""
     errors = format_errors(best.errors, wanted)
     return f"Take {best.engine} with {setting_of(best)}: it holds {format_limits(wanted)} with {errors}{time}{next_best}.{more}"
 
@@ -298,7 +297,9 @@ def advise_without(answers: Sequence[Answer], wanted: Mapping[str, float]) -> st
         errors = format_errors(nearest.errors, wanted)
         return f"No setting holds half of {limit} within the budget; {nearest.engine} is nearest with {errors}: {remedy}."
     if any(x.status == "not tried" for x in answers):
-        return f"No run that could show whether {limit} can be held ended within the budget: see the reasons above, or {remedy}."
+        return (
+            f"Whether {limit} can be held is unknown, because no run ended within the budget: see the reasons above, or {remedy}."
+        )
     return f"No engine runs this linkage: see the reasons above for {limit}."
 
 
