@@ -397,10 +397,10 @@ class Recommender:
         The time until the share TRIED of the budget is divided equally among the engines that wait for their first run.
         """
         # the time until the end of the search, which a run may exceed by the share AFTER of the budget
-        left = self.budget.remaining(SEARCHED + AFTER)
+        time_left = self.budget.remaining(SEARCHED + AFTER)
         if engine.has_run:
-            return max(min(LONGEST * self.budget.seconds, left), 1.0)
-        first_share = max(left, LANES * self.budget.remaining(TRIED) / (1 + self._untried()))
+            return max(min(LONGEST * self.budget.seconds, time_left), 1.0)
+        first_share = max(time_left, LANES * self.budget.remaining(TRIED) / (1 + self._untried()))
         return max(min(2 * LONGEST * self.budget.seconds, first_share), ONE_TRY * self.budget.seconds, 1.0)
 
     def _report_change(self, engine: _Engine, before: TriedSetting | None) -> None:

@@ -189,11 +189,11 @@ def run_ladder(
 
     def run(chosen: Choice, wanted: Sampling) -> Run:
         """Run the engine once with the setting `chosen` within the time that is left, and add the run to `runs`."""
-        left = max(MIN_TIME, deadline - time.monotonic())
+        limit = max(MIN_TIME, deadline - time.monotonic())
         request = Request(linkage, mechanism.scenario, subject.engine, chosen, wanted)
         if not runs:  # the first run alone is asked for forces
             request = replace(request, ask=question.ask, answers=question.answers)
-        runs.append(run_apart(request, mechanism, left, worker))
+        runs.append(run_apart(request, mechanism, limit, worker))
         return runs[-1]
 
     adaptive = choice.integrator in offered.adaptive

@@ -86,19 +86,19 @@ def doctor(told: Told = nobody) -> Checkup:
 
 def _check_machine() -> Iterator[Finding]:
     """Yield findings on the interpreter, the processor, threads, the precision of long double, and packages."""
-    here = environment()
-    recent = sys.version_info >= OLDEST
-    needed = "" if recent else f"needs {OLDEST[0]}.{OLDEST[1]} or later"
-    yield Finding("Python", here["python"], "ok" if recent else "broken", needed)
-    yield Finding("platform", here["platform"])
-    yield Finding("processor", f"{here['cpu'] or 'unknown'}, {here['cores']} cores")
-    yield Finding("BLAS", here["blas"])
+    facts = environment()
+    is_recent = sys.version_info >= OLDEST
+    needed = "" if is_recent else f"needs {OLDEST[0]}.{OLDEST[1]} or later"
+    yield Finding("Python", facts["python"], "ok" if is_recent else "broken", needed)
+    yield Finding("platform", facts["platform"])
+    yield Finding("processor", f"{facts['cpu'] or 'unknown'}, {facts['cores']} cores")
+    yield Finding("BLAS", facts["blas"])
     threads = [f"{name}={os.environ[name]}" for name in THREADS if name in os.environ]
     yield Finding("threads", ", ".join(threads) or "the library's default", message="timed runs use one thread")
     bits = np.finfo(np.longdouble).nmant
-    long = "" if bits >= EXTENDED else "references that are not certified have the error bars of double precision"
-    yield Finding("long double", f"{bits + 1} bits", "ok" if bits >= EXTENDED else "missing", long)
-    yield Finding("packages", ", ".join(f"{name} {version}" for name, version in here["versions"].items()))
+    consequence = "" if bits >= EXTENDED else "references that are not certified have the error bars of double precision"
+    yield Finding("long double", f"{bits + 1} bits", "ok" if bits >= EXTENDED else "missing", consequence)
+    yield Finding("packages", ", ".join(f"{name} {version}" for name, version in facts["versions"].items()))
 
 
 def _check_linkages() -> Finding:

@@ -73,12 +73,12 @@ class Tuning(Result):
     def sentences(self) -> tuple[str, ...]:
         """Sentences for the head of the exported file."""
         how = f"settings {self.settings}, {self.integrator}, step {self.step:g} s"
-        held = "both errors are at most half of that" if self.met else "NOT HELD by any step that was tried"
+        outcome = "both errors are at most half of that" if self.met else "NOT HELD by any step that was tried"
         return (
             f"Measured over {self.until:g} s with {how}:",
             f"joints open by {self.loops_open:.1e} (m, rad) at most, links off by {self.motion_error:.1e} (m, rad) at most.",
             f"Errors are against a motion that is {self.truth}, and known to {self.known:.1e}.",
-            f"Aimed at: joints {self.loops_wanted:g}, links {self.motion_wanted:g}: {held}.",
+            f"Aimed at: joints {self.loops_wanted:g}, links {self.motion_wanted:g}: {outcome}.",
         )
 
 

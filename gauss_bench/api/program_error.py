@@ -87,8 +87,8 @@ class ProgramError(Result):
             str(Status.TIMEOUT): "a larger --budget gives it more time, ",
             str(Status.INVALID): "--position finds a setting that holds an accuracy, ",
         }
-        more = hints.get(self.status, "")
-        return f"{self.status} with {self.setting}: {self.message}; {more}--anyway writes it with a warning"
+        hint = hints.get(self.status, "")
+        return f"{self.status} with {self.setting}: {self.message}; {hint}--anyway writes it with a warning"
 
     @property
     def setting(self) -> str:
@@ -247,8 +247,8 @@ def refuse_other(mechanism: Mechanism, trajectory: Trajectory, own: Trajectory |
     if own is None or trajectory is own:
         return ""
     # lengths are measured relative to the linkage's size, and angles to 1 rad; one limit for both is the smaller of the two
-    off = np.abs(trajectory.q[-1] - own.q[-1]).max()
-    return "" if off <= OFF_MOTION * min(mechanism.size, 1.0) else f"the program ends {off:.2g} (m, rad) from the suite's own run"
+    gap = np.abs(trajectory.q[-1] - own.q[-1]).max()
+    return "" if gap <= OFF_MOTION * min(mechanism.size, 1.0) else f"the program ends {gap:.2g} (m, rad) from the suite's own run"
 
 
 def run_c(source: str, n: int) -> tuple[Trajectory | None, str]:

@@ -190,11 +190,11 @@ def find_equilibria(motion: CrankMotion) -> tuple[Equilibrium, ...]:
     """Return the equilibria of the crank under gravity, spring and `motion.torque`, by ascending angle; empty if there are none."""
     theta = np.linspace(-np.pi, np.pi, GRID + 1)
     F = motion.static_torque(theta)
-    places = []
-    for k in np.flatnonzero(F[:-1] * F[1:] < 0):
+    equilibria = []
+    for k in np.flatnonzero(F[:-1] * F[1:] < 0):  # intervals in which the torque changes its sign
         root = float(brentq(lambda x: float(motion.static_torque(x)), float(theta[k]), float(theta[k + 1]), xtol=1e-14))
-        places.append(Equilibrium(root, bool(derivative(motion.static_torque, root, 1.0) < 0)))
-    return tuple(places)
+        equilibria.append(Equilibrium(root, bool(derivative(motion.static_torque, root, 1.0) < 0)))
+    return tuple(equilibria)
 
 
 def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:

@@ -77,8 +77,9 @@ def static_values(motion: CrankMotion) -> Values:
         # the torque is flat at an extreme, so that the angle is found only to the root of rounding
         values |= {key: (extreme.torque, None), f"{key}_at": (extreme.theta, 1e-8)}
     for tag, torque in (("printed", motion.torque), ("idle", 0.0)):
-        for place in find_equilibria(replace(motion, torque=torque)):
-            values[f"{'stable' if place.stable else 'unstable'}_{tag}"] = place.theta, None
+        for equilibrium in find_equilibria(replace(motion, torque=torque)):
+            kind = "stable" if equilibrium.stable else "unstable"
+            values[f"{kind}_{tag}"] = equilibrium.theta, None
     return values
 
 
@@ -114,7 +115,7 @@ def find_rest(motion: CrankMotion) -> float:
     Raises:
         ArithmeticError: the crank does not come to rest, or there are several stable equilibria.
     """
-    angles = [place.theta for place in find_equilibria(motion) if place.stable]
+    angles = [equilibrium.theta for equilibrium in find_equilibria(motion) if equilibrium.stable]
     if not settles(motion) or len(angles) != 1:
         raise ArithmeticError(f"at {motion.torque:g} N m the crank does not come to rest at a single angle")
     return angles[0]
@@ -124,9 +125,9 @@ def formula_values(motion: CrankMotion) -> Values:
     """Return the crank's acceleration [rad/s^2] at the start, and its speed [rad/s] after WATCHED seconds, by each of FORMULAS."""
     values: Values = {}
     for key, formula in FORMULAS.items():
-        other = replace(motion, formula=formula)
-        fine, coarse = (float(other.run(WATCHED, rtol=rtol).w[-1]) for rtol in (crank_motion.RTOL, COARSE * crank_motion.RTOL))
-        values |= {f"start_{key}": (float(other.acceleration(0.0, 0.0)), None), f"speed_{key}": (fine, abs(fine - coarse))}
+        changed = replace(motion, formula=formula)
+        fine, coarse = (float(changed.run(WATCHED, rtol=rtol).w[-1]) for rtol in (crank_motion.RTOL, COARSE * crank_motion.RTOL))
+        values |= {f"start_{key}": (float(changed.acceleration(0.0, 0.0)), None), f"speed_{key}": (fine, abs(fine - coarse))}
     return values
 
 
@@ -143,7 +144,7 @@ def judge_claims(motion: CrankMotion) -> dict[str, bool]:
         "decreases": stops,
         "formula": bool(abs(wrong / true - 1) < SAME),
         "dissipative": settles(replace(motion, torque=0.0)),
-        "rests": any(place.stable for place in find_equilibria(motion)),
+        "rests": any(equilibrium.stable for equilibrium in find_equilibria(motion)),
         "any_inertia": not any(settles(with_inertias(motion, i, k, motion.torque)) for i in INERTIAS for k in INERTIAS),
     }
 
@@ -154,8 +155,8 @@ def paper_motion(mechanism: Mechanism, reference: Reference) -> dict[str, Any]:
     Between two samples of the reference, the motion is the polynomial with the positions, velocities and accelerations of both.
     """
     t = np.linspace(0.0, min(SPAN, float(reference.t[-1])), ROWS)
-    kept = np.array(KEPT)[list(COLUMNS.values())]  # indices of x1, y1, theta1, x3 in the linkage file's coordinates
-    levels = np.stack([reference.q[:, kept], reference.v[:, kept], reference.a[:, kept]], axis=1)
+    columns = np.array(KEPT)[list(COLUMNS.values())]  # indices of x1, y1, theta1, x3 in the linkage file's coordinates
+    levels = np.stack([reference.q[:, columns], reference.v[:, columns], reference.a[:, columns]], axis=1)  # (k, 3, 4)
     curve = BPoly.from_derivatives(reference.t, levels)
     names = ["t", *(f"{name}{rate}" for rate in ("", "_rate") for name in COLUMNS)]
     table = np.column_stack([t, curve(t), curve.derivative()(t)])

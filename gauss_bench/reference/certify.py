@@ -165,8 +165,8 @@ def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
     """
     largest = {}
     for level in (*LEVELS, "multipliers"):
-        one, two = getattr(truth, level), getattr(other, level)
-        largest[level] = np.zeros(len(other.times)) if one is None or two is None else np.maximum.accumulate(distance(one, two))
+        x, y = getattr(truth, level), getattr(other, level)
+        largest[level] = np.zeros(len(other.times)) if x is None or y is None else np.maximum.accumulate(distance(x, y))
     return largest
 
 

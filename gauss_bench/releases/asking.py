@@ -129,22 +129,22 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
     request = Request(mechanism.name, mechanism.scenario, name, choice, sampling, ask, answers=states.q.size)
     run = run_apart(request, mechanism, LIMIT, worker)
     setting = " ".join(x for x in (choice.settings, choice.integrator, choice.stabilization) if x != "none")
-    place = mechanism.name, setting  # the fields `case` and `setting` of every figure
+    names = mechanism.name, setting  # the fields `case` and `setting` of every figure
     if isinstance(run.answer, np.ndarray) and run.answer.shape == states.q.shape:
-        yield from read_accelerations(*place, run.answer, states.a)
+        yield from read_accelerations(*names, run.answer, states.a)
     else:
         for quantity in (MOVING, RESTING):
-            yield Figure(quantity, *place, str(run.status), run.message)
+            yield Figure(quantity, *names, str(run.status), run.message)
     if linkage != FIRST:
         return
     if run.trajectory is None:
-        yield Figure(MOTION, *place, str(run.status), run.message)
+        yield Figure(MOTION, *names, str(run.status), run.message)
         return
     shifted = []  # runs from slightly changed starts, which show how much rounding alone changes the result
     for seed in range(SHIFTS):
         changed = replace(request, ask=nothing, answers=0, alter=partial(shift_start, seed))
         shifted.append(run_apart(changed, mechanism, LIMIT, worker))
-    yield from read_motion(case, place, run, [x for x in shifted if x.trajectory], choice.integrator in offered.adaptive)
+    yield from read_motion(case, names, run, [x for x in shifted if x.trajectory], choice.integrator in offered.adaptive)
 
 
 def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> Iterator[Figure]:
@@ -161,28 +161,28 @@ def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> I
         yield Figure(quantity, case, setting, values=groups[0, k], shifted=groups[1:, k], error=error)
 
 
-def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[Run], adaptive: bool) -> Iterator[Figure]:
+def read_motion(case: Case, names: tuple[str, str], run: Run, shifted: Sequence[Run], adaptive: bool) -> Iterator[Figure]:
     """Yield the results of a run: its motion, the gaps of loops at its end, and the number of steps that its integrator chose.
 
     Args:
-        place: names of the linkage and the setting, for the keys of the results.
+        names: names of the linkage and the setting, for the keys of the results.
         shifted: the same run from slightly changed starts.
         adaptive: whether the integrator chooses its steps.
     """
     assert run.trajectory is not None
     linkage, scenario, _ = case
     mechanism, truth = mechanism_of(linkage, scenario), truth_of(linkage, scenario)
-    others = [x.trajectory for x in shifted if x.trajectory is not None]
+    shifted_motions = [x.trajectory for x in shifted if x.trajectory is not None]
     errors = state_errors(mechanism, run.trajectory, truth)
     error = float(max(errors.length.max(), errors.angle.max()))
-    yield Figure(MOTION, *place, values=run.trajectory.q, shifted=np.array([x.q for x in others]), error=error)
-    last = [float(drift(evaluator_of(mechanism), x).position[-1]) for x in (run.trajectory, *others)]
-    gaps = [np.array([[gap, 1.0]]) for gap in last]  # the 1.0 makes differences relative to 1 m or 1 rad, and not to a tiny gap
-    yield Figure(DRIFT, *place, values=gaps[0], shifted=np.array(gaps[1:]), error=last[0])
-    steps = [x.steps for x in (run.trajectory, *others)]
+    yield Figure(MOTION, *names, values=run.trajectory.q, shifted=np.array([x.q for x in shifted_motions]), error=error)
+    last_gaps = [float(drift(evaluator_of(mechanism), x).position[-1]) for x in (run.trajectory, *shifted_motions)]
+    gaps = [np.array([[gap, 1.0]]) for gap in last_gaps]  # the 1.0 makes differences relative to 1 m or 1 rad, not to a tiny gap
+    yield Figure(DRIFT, *names, values=gaps[0], shifted=np.array(gaps[1:]), error=last_gaps[0])
+    steps = [x.steps for x in (run.trajectory, *shifted_motions)]
     if adaptive and None not in steps:
         counts = [np.array([[x]], dtype=float) for x in steps]
-        yield Figure(STEPS, *place, values=counts[0], shifted=np.array(counts[1:]))
+        yield Figure(STEPS, *names, values=counts[0], shifted=np.array(counts[1:]))
 
 
 def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
@@ -218,13 +218,13 @@ def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
                 yield Figure(f"{CLOSURE}, {quantity}", model, name, str(Status.ERROR), message)
 
 
-def call_engine_function(worker: Worker, place: str, *arguments: object) -> Any:
-    """Return the result of a function MODULE:FUNCTION in the worker process, or a text with the reason if the call fails.
+def call_engine_function(worker: Worker, address: str, *arguments: object) -> Any:
+    """Call the function at `address` (MODULE:FUNCTION) in a worker process; return its result, or the reason of a failure as text.
 
     A text always is such a reason, because no function that is called here returns a text.
     """
     try:
-        return worker.call(ask_room, (place, *arguments), LIMIT)
+        return worker.call(ask_room, (address, *arguments), LIMIT)
     except WorkerFailure as failure:
         return str(failure)
 

@@ -62,20 +62,20 @@ def install_release(library: Library, version: str, told: Told) -> Release:
     """
     folder = home().with_name("releases")  # has the environments of all releases
     folder.mkdir(parents=True, exist_ok=True)
-    place = folder / Release(library.engine, version).name
-    if not (is_ours(place) and (place / HOW).is_file()):
+    environment = folder / Release(library.engine, version).name
+    if not (is_ours(environment) and (environment / HOW).is_file()):
         with hold(folder):
             told(f"{library.engine} {version}: installing it")
             try:
-                _install(library, version, place)
+                _install(library, version, environment)
             except InstallationFault as fault:
                 return Release(library.engine, version, reason=explain_failure(library, version, str(fault)))
-    how = (place / HOW).read_text(encoding="utf-8")
-    return Release(library.engine, version, str(interpreter_in(place)), how)
+    how = (environment / HOW).read_text(encoding="utf-8")
+    return Release(library.engine, version, str(interpreter_in(environment)), how)
 
 
-def _install(library: Library, version: str, place: Path) -> None:
-    """Make the environment of a release in a folder.
+def _install(library: Library, version: str, environment: Path) -> None:
+    """Make the environment of a release in the folder `environment`.
 
     Raises:
         InstallationFault: pip fails, or the hash of the file differs from the listed hash.
@@ -100,7 +100,7 @@ def _install(library: Library, version: str, place: Path) -> None:
             run_program(install, failure, ignore, quiet=True)
         (folder / HOW).write_text(note, encoding="utf-8")
 
-    make_environment(place, fill, ignore, quiet=True)
+    make_environment(environment, fill, ignore, quiet=True)
 
 
 def check_hash(library: Library, wheel: Path) -> str:
@@ -132,8 +132,8 @@ def list_available(release: Release, library: Library) -> list[str]:
     Raises:
         InstallationFault: the index does not answer.
     """
-    place = Path(release.python).parents[1]
-    command = [*pip_of(place), "index", "versions", library.package, "--disable-pip-version-check", "--retries", "1"]
+    environment = Path(release.python).parents[1]
+    command = [*pip_of(environment), "index", "versions", library.package, "--disable-pip-version-check", "--retries", "1"]
     try:
         answer = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False).stdout
     except subprocess.TimeoutExpired:
@@ -164,7 +164,7 @@ def as_engines(library: Library, releases: Sequence[Release]) -> Iterator[None]:
     named = {x.name: x.python for x in releases}
     # the same interpreter under another path: worker processes are kept by path, so that the second name gets a process of its own
     named[second_name(releases[-1])] = str(Path(releases[-1].python).with_name("python3"))
-    before = os.environ.get(ENGINES_FILE)
+    own_file = os.environ.get(ENGINES_FILE)  # the user's file, if there is one
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "engines.toml"
         tables = (
@@ -177,8 +177,8 @@ def as_engines(library: Library, releases: Sequence[Release]) -> Iterator[None]:
             yield
         finally:
             os.environ.pop(ENGINES_FILE)
-            if before is not None:
-                os.environ[ENGINES_FILE] = before
+            if own_file is not None:
+                os.environ[ENGINES_FILE] = own_file
 
 
 def second_name(release: Release) -> str:

@@ -87,8 +87,8 @@ def row_off(squared: list[str], s: ExampleState, rows: list[int]) -> float:
 
     `squared` names the rates that are squared in g, eq. (23): ["v"], which is right, or ["a"], as the paper prints in some rows.
     """
-    off = crank_slider.bias(s.q, getattr(s, squared[0])) - gradient(crank_slider.residual, s.q) @ s.a  # (6,)
-    return float(np.abs(off)[np.array(rows) - 1].max() / np.abs(s.a).max())
+    residual = crank_slider.bias(s.q, getattr(s, squared[0])) - gradient(crank_slider.residual, s.q) @ s.a  # (6,)
+    return float(np.abs(residual)[np.array(rows) - 1].max() / np.abs(s.a).max())
 
 
 def crank_with_entry(form: dict[str, Any]) -> float:

@@ -116,8 +116,8 @@ def unit_off(form: Callable[[Pose], Units], p: Pose, kind: str) -> float:
         "RP1": Element("b", "b", BLOCK, 1j * p.e),
         "RP2": Element("b", "b", GUIDE, -1j * p.e, 1.0 + 0j, "b"),
     }
-    places, rates = ([p.s], [p.s_rate]) if kind == "RP2" else ([], [])
-    own = Way(0, Element("a", "a", PIN, 0j), ends[kind]).units(p.phi, p.phi_rate, places, rates).vector
+    slides, slide_rates = ([p.s], [p.s_rate]) if kind == "RP2" else ([], [])
+    own = Way(0, Element("a", "a", PIN, 0j), ends[kind]).units(p.phi, p.phi_rate, slides, slide_rates).vector
     directions = ((1.0, 0.0), (0.0, 1.0))[: J.shape[1]]  # of phi and, if J has two columns, of s
     slopes = [complex_step(lambda x: form(x)[0], p, *direction) for direction in directions]
     rate = complex_step(lambda x: form(x)[1], p, p.phi_rate, p.s_rate)

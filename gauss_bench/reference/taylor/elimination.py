@@ -65,7 +65,7 @@ def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivot
         i, j = np.unravel_index(int(cost.argmin()), cost.shape)
         r, c = rows.pop(int(i)), columns.pop(int(j))
         order.append((r, c))
-        smallest, weakest = min((smallest, weakest), (float(abs(A[r, c])), r))
+        smallest, weakest = min((smallest, weakest), (float(abs(A[r, c])), r))  # pairs (size, row): the smaller size wins
         for other in rows:
             if structure[other, c]:
                 A[other] -= A[other, c] / A[r, c] * A[r]
