@@ -134,7 +134,7 @@ class _Engine:
         """Return the trials of all variants, in the order of the search."""
         return [trial for trials in self.trials.values() for trial in trials]
 
-    def passing(self) -> list[TriedSetting]:
+    def accurate_settings(self) -> list[TriedSetting]:
         """Return the accurate settings (HALF), from the least work to the most.
 
         Each variant gives one setting: the one with its largest step or tolerance that is accurate.
@@ -145,7 +145,7 @@ class _Engine:
 
     def best(self) -> TriedSetting | None:
         """Return the setting with the least work that meets the requirement so far, or None."""
-        return next(iter(self.passing()), None)
+        return next(iter(self.accurate_settings()), None)
 
     def nearest(self) -> TriedSetting | None:
         """Return the setting whose errors come nearest to the requirement (the smallest SHARE); None if no run ended."""
@@ -460,7 +460,7 @@ class Recommender:
         """
         chosen: dict[str, TriedSetting] = {}  # title of an engine -> its setting
         for engine in self.engines.values():
-            accurate = {x.way: x for x in engine.passing()}
+            accurate = {x.way: x for x in engine.accurate_settings()}
             if timed := {way: times[way] for way in accurate if way in times}:
                 winner, *_ = pick_winner(timed)
                 chosen[engine.title] = accurate[winner]
@@ -547,7 +547,7 @@ def list_raced(engine: _Engine) -> list[TriedSetting]:
     For each time loop that none of them uses, the setting with the least work in this loop is added. Adaptive integrators count as
     near, because their run time does not follow from the number of evaluations.
     """
-    settings = engine.passing()  # by increasing work
+    settings = engine.accurate_settings()  # by increasing work
     least = min((x.work for x in settings), default=0.0)
     near = [x for x in settings if x.work <= NEAR * least or x.way.integrator in engine.adaptive][:CHOICES]
     by_loop = {engine.loop_of(x.way): x for x in reversed(settings)}  # the last of a loop, the one with the least work, is kept

@@ -256,7 +256,7 @@ def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
 def describe_driver(driver: Driver, times: Array) -> DriverState:
     """Return the motion of a driver at times (k,) [s].
 
-    Its value stands twice: under the key of linkage files (angle, position or length), and under the older key "angle".
+    The driven value is given twice: under the key of linkage files (angle, position or length), and under the older key "angle".
     """
     value, speed, acceleration = driver.law(times)
     state = DriverState(angle=value, speed=speed, acceleration=acceleration)

@@ -94,7 +94,7 @@ def choose_releases(library: Library, first: str | None, last: str | None, only:
         ReleaseFault: there are fewer than two releases, or the arguments contradict each other.
     """
     if only and (first or last):
-        raise ReleaseFault("--only names every release; --from and --to go without it")
+        raise ReleaseFault("--only names every release, and cannot be combined with --from or --to")
     if only:
         chosen = sorted(set(only), key=version_numbers)
     else:

@@ -126,7 +126,8 @@ def loops_of(linkage: DrivenLinkage) -> list[tuple[list[Array], list[Array], lis
     """
     equations, loops = linkage.equations, []
     theta = equations.turning @ linkage.x + equations.phase  # angles of the links [rad]
-    for ways in equations.ways:  # the paths of one loop through its links
+    # for each link of a loop: the path through it, the indices of its slides, and those of all its variables
+    for ways in equations.ways:
         units = [way.units(theta[way.link], 0.0, linkage.x[slides], linkage.rate[slides]).J for way, slides, _ in ways]
         factors: list[Array] = [np.eye(len(linkage.x))[own] for _, _, own in ways]  # [U K] of each link
         loops.append((units, [f[:, : linkage.unknowns] for f in factors], [f[:, linkage.unknowns :] for f in factors]))
