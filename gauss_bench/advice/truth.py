@@ -159,8 +159,8 @@ def halve_steps(
 ) -> Iterator[Truth]:
     """Yield references that one engine computes, each with half the step of the one before.
 
-    A reference is the finer run of a pair with n and 2 n steps; n doubles from `steps` to `most`. The generator ends when no time
-    is `left` [s], or when the error bars no longer shrink, because of rounding.
+    A reference is the finer run of a pair with n and 2 n steps; n doubles from `steps` to `most`. The generator ends when left(),
+    the remaining time [s], is used up, or when the error bars no longer shrink, because of rounding.
 
     Raises:
         NoTruth: the run with the smallest steps failed, or accelerations of a run do not satisfy the linkage's equations.

@@ -140,7 +140,7 @@ def diagnose(
     with Worker() as worker:
         if subject.file is not None:
             refuse_what_acts(subject.file, end, worker)
-        told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the reference")
+        told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: computing the reference")
         reference = find_reference(linkage, mechanism, end, deadline, told)
         question = ask_along(mechanism, reference)
         verdict, first = run_ladder(linkage, mechanism, subject, end, reference, deadline, worker, told, question)

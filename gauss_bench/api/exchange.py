@@ -194,7 +194,7 @@ def export(
     check_size(default.step, mechanism.duration)
     order = Order(linkage, mechanism, engine, kind)
     answer = Export(engine, mechanism.name, mechanism.scenario, str(path), kind.what, 0, default.step, (), None)
-    told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
+    told(f"{mechanism.name}, scenario {mechanism.scenario}: writing the model")
     file = order.write(default)  # raises ExchangeError, before any search, if the format cannot express the linkage
     tuning, choice, warning = None, default, ""
     remarks: tuple[str, ...] = ()
@@ -378,7 +378,7 @@ def import_model(
         OSError: the file cannot be written.
     """
     path = writable(out, replace, suffix=".toml", source=model)
-    told(f"{model}")
+    told(f"{model}: reading the model")
     with Worker() as worker:
         linkage = answer_in_worker(worker, import_file, (Path(model), path.stem, list(close)), READING, str(model))
     write_text(path, linkage["text"])

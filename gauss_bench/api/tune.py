@@ -179,7 +179,7 @@ def tune(
     path = writable(out, replace, suffix=".xml", source=model)
     seconds = Budget(check_budget(budget, BUDGET))
     with Worker() as worker:
-        told(f"{model}: the model")
+        told(f"{model}: reading the model")
         file = read_own_file(model, (), worker)
         if file.kind != "MJCF":
             raise ExchangeError(

@@ -93,6 +93,7 @@ class Loads(Wrench):
     """All applied forces on the links, gravity included, at given coordinates and velocities (coordinate -> velocity)."""
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant, v: Mapping[int, Value]):
+        """Begin with the weights of the links, and apply all forces of the linkage."""
         super().__init__(coordinates, at)
         self.v, self.rate, self.constant = v, at.variation(v), at.arithmetic.constant
         g = coordinates.mechanism.gravity
