@@ -415,7 +415,7 @@ class Recommender:
                 status, reason = engine.refused
                 self.report(f"{engine.title}: {status}: {reason}")
             elif near is not None and len(engine.trials) == 1:
-                self.report(f"{engine.title}: not yet; nearest {self._errors(near)}")
+                self.report(f"{engine.title}: not accurate yet; nearest {self._errors(near)}")
         elif before is None or after.work < before.work:
             how = "holds" if before is None else "better"
             self.report(f"{engine.title}: {how}: {describe_setting(after.way, engine)}: {self._errors(after.trial)}")

@@ -156,7 +156,7 @@ def tune(
     replace: bool = False,
     told: Told = nobody,
 ) -> Tuned:
-    """Write a copy of an MJCF file whose settings meet a required accuracy; every byte but the values of a few attributes stays.
+    """Write a copy of an MJCF file whose settings meet a required accuracy; only the values of a few attributes differ.
 
     Args:
         model: path of the file, which is judged at its keyframe and with the keyframe's controls.
@@ -185,16 +185,16 @@ def tune(
             raise ExchangeError(
                 f"{model}: a {file.kind} holds no settings; `gauss-bench import`, then `export` writes a tuned model"
             )
-        end, known = find_reference(file, until, required, seconds, worker, told)
+        end, truth = find_reference(file, until, required, seconds, worker, told)
         refuse_what_acts(file, end, worker)
-        judge = Judge(file, end, required, known, worker, seconds)
+        judge = Judge(file, end, required, truth, worker, seconds)
         before = judge.try_setting({})
         told(f"as it stands: {describe_errors(before)}")
         best = find_setting(judge, before, allow_step, told)
         written = best.share <= ACCEPTED_SHARE
         remarks = list_remarks(judge, best)
         if not written and not allow_step:
-            remarks.append(f"the timestep stays {file.settings['timestep']:g} s: --allow-step shortens it where that helps")
+            remarks.append(f"the timestep was kept at {file.settings['timestep']:g} s: --allow-step also tries shorter ones")
         cost = None
         if written:
             best, cost = write_tuned(judge, best, path)
@@ -207,8 +207,8 @@ def tune(
         step=float(best.changes.get("timestep", file.settings["timestep"])),
         before=before.trial.errors,
         errors=best.trial.errors,
-        reference=known.description,
-        known=known.bars,
+        reference=truth.description,
+        known=truth.bars,
         cost=cost,
         left_out=file.left_out,
         remarks=tuple(remarks),

@@ -57,7 +57,7 @@ def certify(
         scenario: name of a scenario of the file; with None the first scenario that has the table `start`.
         digits: number of digits that must be certified, of positions and of velocities relative to their largest values.
         until: end of the motion [s]; with None the scenario's duration is used.
-        report: called with the name of the stage and the time reached [s]; with None progress is not reported.
+        report: function that is called with the name of a stage and the time [s] that it has reached; with None there is none.
 
     Raises:
         LinkageError: the file has faults.
