@@ -286,8 +286,8 @@ def _check_all_driven(mechanism: Mechanism) -> None:
         names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in free]
         options = "; ".join(f"`--hold {x}`" for x in names)
         raise ChoiceError(
-            f"{mechanism.name}: the drivers leave {len(free)} free ({', '.join(free)}); hold it where it stands by {options}, by "
-            f"`hold = {names}` in scenario {mechanism.scenario}, or drive it".replace("'", '"')
+            f"{mechanism.name}: the drivers leave {len(free)} free ({', '.join(free)}): drive each, or hold it at its start "
+            f"by {options}, or by `hold = {names}` in scenario {mechanism.scenario}".replace("'", '"')
         )
 
 

@@ -221,7 +221,7 @@ def find_reference(
     """Return the end of the runs [s], and the reference motion until this end.
 
     If `until` is None, shorter durations are tried until the error bars are at most KNOWN times the required errors. If they never
-    are, the reference over the shortest duration is returned.
+    are, the last reference is returned: the one over the shortest duration.
 
     Raises:
         ExchangeError: no reference could be computed, for any of the durations.
