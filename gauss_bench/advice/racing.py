@@ -46,7 +46,7 @@ def race_there(
     models: Models = {}
     for *fields, steps in rows:
         way = Way(*fields)
-        time_left = deadline - time.monotonic() - ROUNDS[0] * round_time  # after the fewest rounds of the settings so far
+        time_left = deadline - time.monotonic() - ROUNDS[0] * round_time  # [s] after the fewest rounds of the settings so far
         if way.engine not in engines or way.engine in slow or (race.blocks and time_left <= 0):
             continue
         race.add(way, pace_run, run, way, steps, LEAD, samples, models)

@@ -35,7 +35,7 @@ COMPILED = 0.6  # share of the budget for compiled code, which may be compiled d
 MOST = 400_000  # largest number of steps of the coarser run of a pair
 SAMPLES = 3200  # largest number of samples of the reference
 AGREEMENT = 1e-6  # allowed relative difference of accelerations from those in numpy: rounding leaves 1e-9, a wrong term about 1
-ERROR_GROWTH = 16.0  # through every second sample, an interpolation of order six is 2^6 = 64 times as far off; 64/4 is relied on
+ERROR_GROWTH = 16.0  # interpolation of order six through every second sample has 2^6 = 64 times the error; a margin of 4
 SHORTER, ATTEMPTS = 4.0, 3  # divisor of a duration without a reference, and number of durations that are tried
 
 Told = Callable[[str], object]  # a function that is called with each sentence of progress
@@ -219,7 +219,7 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
     bars = state_errors(run.mechanism, coarse, reference).largest
     force = float(joint_force_errors(judge, coarse, reference).max())
     halving = bars | ({} if math.isnan(force) else {"force": force})
-    # the odd samples, interpolated from the even ones, are off by 64 times the interpolation error between all samples
+    # the odd samples, interpolated from the even ones, have 64 times the interpolation error between all samples
     even, between_samples = reference.samples[::2], {"position": math.inf, "angle": math.inf}
     if len(even.t) > 1:
         missed = np.abs(interpolate(even, reference.t[1:-1:2])[0] - reference.q[1:-1:2]) / ERROR_GROWTH  # (k, n)

@@ -32,7 +32,7 @@ UNITS = {  # units of the states of links and points, for the heads of columns
     **{"vx": "m/s", "vy": "m/s", "omega": "rad/s"},
     **{"ax": "m/s^2", "ay": "m/s^2", "alpha": "rad/s^2"},
 }
-LONGEST_TRAVEL = 2e4  # [rad, m] largest travel of a driver: solvers divide it into parts of a radian, and take seconds for so many
+LONGEST_TRAVEL = 2e4  # [rad, m] largest travel of a driver: solvers divide it into parts of a radian, and need some seconds for all
 
 
 class DriverState(TypedDict):

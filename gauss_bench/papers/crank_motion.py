@@ -39,7 +39,7 @@ from gauss_bench.terms import Array
 RTOL, ATOL = 1e-10, 1e-12
 TRUE, EQ_16, EQS_10_11 = "true", "(16) with Moore-Penrose inverses", "(10), (11) as printed"
 GRID = 720  # intervals of a turn: the slope of the static torque changes sign only a few times in a turn
-LONGEST = 60.0  # [s] of a first turn; it takes less than 1 s, unless the data are within rounding of a bound
+LONGEST = 60.0  # [s] longest first turn; it takes less than 1 s, unless the data are within rounding of a bound
 WIDTH = 1e-9  # relative width of a bracket at which bisection ends, about the error of the integration
 MARGIN = 100.0  # distance from the first threshold at which the second search begins, in widths of the last bracket
 SECOND_TOLERANCE = 1e-2  # factor on the tolerance of a second search, which shows the error of the integration

@@ -24,7 +24,7 @@ TORQUES = (-0.2, 0.2, 0.5)  # [N m] under which the crank comes to rest; the las
 # relative widths at which bisections end
 STATIC_WIDTH = 1e-6  # in a narrower bracket the first swing is smaller than the integrator's absolute tolerance
 CORNER_WIDTH = 1e-6  # the bounds of other inertias are quoted to six digits
-INERTIAS = (0.0, 1.0, 2.0, 3.0)  # times a uniform bar's: 0 is a point mass at the centre, 3 is half the mass at either end
+INERTIAS = (0.0, 1.0, 2.0, 3.0)  # factors on a uniform bar's: 0 is a point mass at the centre, 3 is half the mass at either end
 CORNERS = ((0.0, 0.0), (0.0, 3.0), (3.0, 0.0), (3.0, 3.0))  # extreme factors of crank and rod
 SAME = 1e-6  # relative difference of accelerations that count as equal: far above rounding, far below that of any two formulas
 WATCHED = 2.0  # [s] duration of the linkage file's scenario

@@ -25,7 +25,7 @@ from gauss_bench.terms import Array
 
 STAGES = 8
 ITERATIONS = 40  # largest number of fixed-point iterations in a step
-NEWTON_STEPS = 3  # from roots in double precision: the first step reaches long double, the others make sure
+NEWTON_STEPS = 3  # the first step, from roots in double precision, reaches long double; the others are a margin
 
 BatchAcceleration = Callable[[Array, Array, Array], Array]  # t (k,), q, v (k, n) -> a (k, n)
 

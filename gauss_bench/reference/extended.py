@@ -122,7 +122,7 @@ class Linkage:
         mechanism = self.mechanism = build_mechanism(document, scenario, "", "", LONG)
         if mechanism.has_friction:
             raise ArithmeticError("dry friction in joints: the collocation in long double has no equations for it")
-        free = replace(mechanism, drivers=())  # the scenario's prescribed values, `held`, stand for the drivers at the start
+        free = replace(mechanism, drivers=())  # at the start, the scenario's prescribed values `held` take the place of the drivers
         close = Constraints(replace(free, knife_edges=())).residual  # knife edges restrict no positions
         held = list_held(mechanism, document["scenarios"][scenario], LONG)  # prescribed coordinates, with target values and rates
 

@@ -28,7 +28,7 @@ from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.terms import Array
 
-LARGEST_TURN = 0.15  # [rad] between two closures: with a predictor Newton's method keeps its branch at much larger turns
+LARGEST_TURN = 0.15  # [rad] between two closures; with a predictor, Newton's method keeps its branch at much larger turns
 NEWTON_STEPS = 12  # largest number of Newton steps of a closure
 Closed = tuple[Array, Array, Array]  # q, dq/dtheta and d2q/dtheta2 (k, n) at k crank angles
 Levels = tuple[Array, Array, Array]  # q, v, a (k, n)

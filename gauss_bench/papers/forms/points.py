@@ -30,7 +30,7 @@ from gauss_bench.terms import Array
 
 POSITIONS = 72  # number of positions of the linkage in a turn of the crank, 5 degrees of crank angle apart
 SEED, STARTS = 2009, 100  # seed and number of random starts
-NEAREST = 1e-6  # [rad] least angle from the direction in which the quotient is undefined; nearer, positions show rounding
+NEAREST = 1e-6  # [rad] least angle from the direction in which the quotient is undefined; at smaller angles rounding prevails
 SAME = 1e-6  # [m] largest distance of equal points, far below the distance of two assemblies
 
 

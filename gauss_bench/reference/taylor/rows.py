@@ -133,7 +133,7 @@ class LoopRows:
             else:
                 biases.append(second)
         for angle, point, normal in self.edges:
-            n = at.combine(normal)  # turns with the link, so that n' . P' = theta' n x P'
+            n = at.combine(normal)  # n turns with the link, so that n' . P' = theta' n x P'
             u, b = (at.combine(point, vectors) for vectors in (rate, bias))
             biases.append(-(dot(n, b) + v.get(angle, 0) * cross(n, u)))
         return biases
@@ -188,7 +188,7 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tupl
         speeds += [*pair(number, start.get("point_velocities", {}).get(reference, (0, 0)))]
     held = replace(rows, closures=(*rows.closures, *points), prescribed=(*rows.prescribed, *prescribed))
     rates = held.rates(laws)
-    loops = 2 * len(rows.closures)  # points are closures behind those of the loops, and move at given speeds
+    loops = 2 * len(rows.closures)  # the closures of points come after those of the loops, and have the given velocities
     rates[loops : loops + len(speeds)] = speeds
     return held, laws, rates
 

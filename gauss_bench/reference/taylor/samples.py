@@ -28,7 +28,7 @@ from gauss_bench.reference.taylor.forces import Loads, Wrench
 from gauss_bench.reference.taylor.rows import LoopRows
 from gauss_bench.reference.taylor.vector_sums import NONE, Instant, LoopCoordinates, Vectors, at_states
 
-BALANCE = 1e-25  # largest relative residual of the equations of motion in 128 bit; in proportion to the rounding of other numbers
+BALANCE = 1e-25  # largest relative residual of the equations of motion in 128 bit; for other numbers it is scaled to their rounding
 ROUNDING = 2.0**-112  # relative rounding of numbers with 128 bit
 
 

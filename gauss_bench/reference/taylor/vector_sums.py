@@ -30,7 +30,7 @@ from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Prismat
 from gauss_bench.reference.taylor.arithmetic import NUMBERS, Arithmetic, Long, Value, Vector, perp, plus, product, scale_by, total
 from gauss_bench.terms import Array
 
-NONE = -1  # in place of the index of an angle a vector in world axes; in place of the index of a displacement the length 1
+NONE = -1  # in place of the index of an angle: the vector does not turn; in place of that of a displacement: its length is 1
 
 Key = tuple[int, int]  # (angle, displacement): vectors with the same key differ by a constant factor
 
