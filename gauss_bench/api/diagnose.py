@@ -274,6 +274,5 @@ def find_reference(linkage: str, mechanism: Mechanism, until: float, deadline: f
             run = WayRun(linkage, mechanism, until)
             truth = truths.compute_reference(run, KNOWN, lambda: deadline - time.monotonic(), worker, told)
     except truths.NoTruth as failure:
-        motion = f"{mechanism.name}, scenario {mechanism.scenario}"
-        raise ChoiceError(f"{motion}: there is no reference to compare with: {failure}") from failure
+        raise ChoiceError(f"{mechanism.name}, scenario {mechanism.scenario}: no reference to compare with: {failure}") from failure
     return Reference.with_one_bar(truth.reference.samples, truth.reference.method, truth.bar)
