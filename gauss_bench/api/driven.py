@@ -141,8 +141,8 @@ def _explain_undriven(mechanism: Mechanism) -> str:
         return UNDRIVEN
     names = ", ".join(x.name for x in mechanism.knife_edges)
     return (
-        f"the knife edge {names} holds a direction of motion and no position: the start and the forces decide where the linkage "
-        f"goes, and no law does; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
+        f"the knife edge {names} restricts a direction of motion and no position: the motion follows from the start and the "
+        f"forces, and not from a law; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
     )
 
 
