@@ -132,7 +132,7 @@ def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value
 def joint_forces(rows: list[dict[int, Value]], force: Long, redundant: int, eps: float) -> tuple[Long, float]:
     """Return the multipliers (k, m) of J^T lambda = force (k, n), and the largest residual relative to the forces.
 
-    If rows are redundant, some multipliers are set to zero and the others are not unique; the residual is small nevertheless.
+    If rows are redundant, the multipliers of dependent rows are set to zero, and the others depend on the choice of these rows.
 
     Raises:
         Unsolved: the rows of J at a sample are linearly dependent in double precision.
