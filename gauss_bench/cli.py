@@ -19,14 +19,14 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 from gauss_bench.api.options import VERBS, Verb, parser
-from gauss_bench.api.telling import no_longer, plain, render, tell, tell_if_long
+from gauss_bench.api.telling import cancel_sentences, plain, render, tell, tell_if_long
 from gauss_bench.untrusted import BadInput, harmless
 
 BAD_INPUT, OWN_FAULT, NO_OUTPUT, INTERRUPTED = 2, 70, 74, 130  # exit codes; 70 and 74 as in sysexits.h, 130 as shells have it
 EPOCH, LONGEST_EPOCH = "SOURCE_DATE_EPOCH", 12  # libraries write this time [s] into files; largest number of digits
 LEAST_MEMORY = 700 << 20  # bytes of address space: with less, the import of OpenBLAS may hang
 SHOWN = 40  # characters of a faulty argument that a message quotes
-FILES = "gauss_bench.api.files:describe_files"
+FILES = "gauss_bench.api.files:check_files"
 TRACE = "GAUSS_BENCH_TRACEBACK"  # environment variable: if set, a fault of the program shows its traceback
 
 
@@ -138,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: a fault of gauss-bench itself, not of its input: {fault}; {hint}", file=sys.stderr)
         return OWN_FAULT
     finally:
-        no_longer()
+        cancel_sentences()
 
 
 def check_start(arguments: Sequence[str]) -> None:

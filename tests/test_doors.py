@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gauss_bench.api.files import FileRefused, describe_files, is_of_kind, writable
+from gauss_bench.api.files import FileRefused, check_files, is_of_kind, writable
 from gauss_bench.cli import main
 
 ROOT = Path(__file__).parents[1]
@@ -151,7 +151,7 @@ def test_one_file_under_two_paths_is_named_twice(tmp_path):
     (tmp_path / "folder").mkdir()
     asked = {"plot": tmp_path / "x.svg", "animate": tmp_path / "folder" / ".." / "x.svg"}
     with pytest.raises(FileRefused, match="is named twice"):
-        describe_files(asked, dict.fromkeys(asked, (".svg",)), replace=False)
+        check_files(asked, dict.fromkeys(asked, (".svg",)), replace=False)
 
 
 def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path):

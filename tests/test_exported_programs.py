@@ -129,7 +129,7 @@ def test_a_program_without_a_reference_says_why(monkeypatch, tmp_path):
     def know_nothing(*_):
         raise NoTruth("nobody knows")
 
-    monkeypatch.setattr(program_error, "truth", know_nothing)
+    monkeypatch.setattr(program_error, "compute_reference", know_nothing)
     found = export("crank_slider", "c", tmp_path / "x.c", step=2e-3)
     assert found.error is not None
     assert found.error.position is None

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.papers import crank_slider, forms
-from gauss_bench.papers.audit import PAPERS, Verdict, audit, lines, list_faults, measure_line, read
+from gauss_bench.papers.audit import PAPERS, Verdict, audit, lines, list_faults, measure_line, read_paper
 from gauss_bench.papers.forms import link_units as lu
 from gauss_bench.papers.forms import problems
 from gauss_bench.papers.forms.loops import list_driven
@@ -24,7 +24,7 @@ def audited():
     return tuple(audit()["audit"])
 
 
-PAPER_FILES = [read(name) for name in PAPERS]
+PAPER_FILES = [read_paper(name) for name in PAPERS]
 ENTRIES = [(paper, chapter, line) for paper in PAPER_FILES for chapter in paper["chapter"] for line in chapter["line"]]
 LINES = {line.texts["name"]: line for line in lines()}
 

@@ -40,7 +40,7 @@ def test_a_cause_is_listed_and_counted_once_with_the_number_of_its_lines():
 
 
 def test_a_verdict_that_the_measurement_contradicts_stands_out():
-    fallen = changed("audit", "name", "velocities", stands=False, faults="what is printed is not right")
+    fallen = changed("audit", "name", "velocities", stands=False, faults="the printed form is not right")
     assert "Verdicts that the measurement contradicts" in words(papers.section(fallen))
     first = paper_findings(fallen)[0]
     assert first.tone == "bad"

@@ -10,11 +10,11 @@ from gauss_bench.engines import get
 from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
 from gauss_bench.mechanism.model import Torque
 from gauss_bench.papers import crank_motion
-from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, equilibria, find_bound, settles, torque_range
+from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, find_bound, find_equilibria, settles, torque_range
 from gauss_bench.papers.crank_slider import linkage, states
 from gauss_bench.papers.forms import least_squares, problems
 from gauss_bench.papers.forms.example import SHOWN, reference_motion
-from gauss_bench.papers.reproduction import claims, formulas, paper_motion, reproduction, running, statics
+from gauss_bench.papers.reproduction import formula_values, judge_claims, paper_motion, reproduction, static_values, steady_values
 from tests.conftest import needs
 from tests.engine_runs import ran
 from tests.published import published
@@ -33,7 +33,7 @@ def test_the_published_rows_are_computed_again(every):
     """All rows at night, else those that take seconds."""
     computed = reproduction()["reproduction"] if every else []
     numbers = {row["key"]: (row["value"], row["bracket"]) for row in computed}
-    numbers = numbers or running(MOTION) | statics(MOTION) | formulas(MOTION)
+    numbers = numbers or steady_values(MOTION) | static_values(MOTION) | formula_values(MOTION)
     for key, (value, bracket) in numbers.items():
         expected = float("nan") if value is None else value  # an empty cell of a table is read as NaN
         assert rows()[key]["value"] == pytest.approx(expected, rel=1e-9, abs=3 * (bracket or 0.0) + 1e-12, nan_ok=True), key
@@ -70,13 +70,13 @@ def test_equilibria_balance_and_stable_ones_hold():
     assert low.torque == pytest.approx(-(0.37 + 0.77) * 9.81 * 0.15 / 2, rel=1e-12)  # both weights, half the crank's arm
     for torque in (MOTION.torque, 0.0, 0.8, -0.85):
         other = replace(MOTION, torque=torque)
-        places = equilibria(other)
+        places = find_equilibria(other)
         assert sorted(place.stable for place in places) == [False, True]
         for place in places:
             nudged = other.run(3.0, (place.theta + 1e-3, 0.0))
             assert (np.abs(nudged.theta - place.theta).max() < 3e-3) == place.stable
-    assert not equilibria(replace(MOTION, torque=-low.torque + 1e-6))
-    assert not equilibria(replace(MOTION, torque=-high.torque - 1e-6))
+    assert not find_equilibria(replace(MOTION, torque=-low.torque + 1e-6))
+    assert not find_equilibria(replace(MOTION, torque=-high.torque - 1e-6))
 
 
 @pytest.mark.parametrize(("torque", "c", "stops"), [(-0.2, 1.0, True), (0.5, 1.0, True), (-0.31, 1.0, False), (-0.5, 5.0, True)])
@@ -85,12 +85,12 @@ def test_the_first_turn_decides(torque, c, stops):
     assert settles(other) == stops
     if stops:
         course = other.run(120.0, rtol=1e-7)
-        (place,) = (p.theta for p in equilibria(other) if p.stable)
+        (place,) = (p.theta for p in find_equilibria(other) if p.stable)
         assert (course.theta[-1], course.w[-1]) == pytest.approx((place, 0.0), abs=1e-3)
     else:
         speeds = [0.0, abs(crank_motion.first_turn(other)[1])]
         while len(speeds) < 8:
-            speeds.append(float(crank_motion.turn(other, -speeds[-1])[0, -1]))
+            speeds.append(float(crank_motion.integrate_turn(other, -speeds[-1])[0, -1]))
         assert all(later > earlier for earlier, later in pairwise(speeds))
 
 
@@ -132,9 +132,9 @@ def test_a_bound_is_found_again_and_refused_between_equal_fates():
 
 
 def test_verdicts_follow_from_the_data():
-    printed, other = claims(MOTION), claims(replace(MOTION, torque=-MOTION.torque))
+    printed, other = judge_claims(MOTION), judge_claims(replace(MOTION, torque=-MOTION.torque))
     assert not any(printed[claim] for claim in ("stops", "decreases", "formula"))
     assert other["stops"]
     assert other["decreases"]
     assert not other["any_inertia"]
-    assert not claims(replace(MOTION, torque=-1.0))["rests"]
+    assert not judge_claims(replace(MOTION, torque=-1.0))["rests"]

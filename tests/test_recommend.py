@@ -15,9 +15,9 @@ from gauss_bench.advice import budget
 from gauss_bench.advice import truth as truths
 from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import Budget
-from gauss_bench.advice.recommending import SHARE, WRITTEN, Recommender, TriedSetting, _Engine, answer_of, by_loop, choices
-from gauss_bench.advice.truth import NoTruth, Truth, between, truth
-from gauss_bench.api.recommend import Recommendation, advice, advised, remarks, variants, with_snippet
+from gauss_bench.advice.recommending import SHARE, WRITTEN, Recommender, TriedSetting, _Engine, find_reason, list_raced, loop_ratios
+from gauss_bench.advice.truth import NoTruth, Truth, compute_reference, interpolate
+from gauss_bench.api.recommend import Recommendation, list_remarks, list_variants, recommended_answer, with_snippet, write_advice
 from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
 from gauss_bench.cli import main
 from gauss_bench.engines import get
@@ -61,7 +61,7 @@ def test_between_samples_a_motion_of_degree_five_is_exact():
     p = np.polynomial.Polynomial([0.1, -2.0, 3.0, 0.5, -4.0, 7.0])
     none = np.zeros(5)
     q, v, a = (x(t)[:, None] for x in (p, p.deriv(), p.deriv(2)))
-    x, u = between(Reference(t, q, v, a, none, none, none, none, none, none, ""), at)
+    x, u = interpolate(Reference(t, q, v, a, none, none, none, none, none, none, ""), at)
     np.testing.assert_allclose(x[:, 0], p(at), rtol=0, atol=1e-14)
     np.testing.assert_allclose(u[:, 0], p.deriv()(at), rtol=0, atol=1e-13)
 
@@ -82,7 +82,7 @@ def test_the_bar_of_a_truth_holds_what_halving_changes_what_joints_open_by_and_w
     plain = truths._compare(SHORT, judge, coarse, fine, 20, "gauss")
     changed = np.abs(coarse.q - fine.q[::2]).reshape(-1, 3, 3)
     assert plain.halving["angle"] == pytest.approx(changed[..., 2].max(), rel=1e-6)
-    off = np.abs(between(plain.reference, exact.t)[0] - exact.q).reshape(-1, 3, 3)
+    off = np.abs(interpolate(plain.reference, exact.t)[0] - exact.q).reshape(-1, 3, 3)
     assert off[..., 2].max() > 2 * plain.halving["angle"]  # here the bar is that of what lies between samples
     assert plain.bars["angle"] >= off[..., 2].max()
     assert plain.bars["position"] >= np.hypot(off[..., 0], off[..., 1]).max()
@@ -158,9 +158,9 @@ def test_a_motion_is_followed_in_ever_smaller_steps_until_that_serves(bars, want
     monkeypatch.setattr(truths, "_certify", lambda run, truth: truth)
     if best is None:
         with pytest.raises(NoTruth, match="no reference within 0 s, its share of the budget; a larger --budget helps"):
-            truth(SHORT, {"position": wanted}, lambda: seconds, Worker(), len)
+            compute_reference(SHORT, {"position": wanted}, lambda: seconds, Worker(), len)
     else:
-        assert truth(SHORT, {"position": wanted}, lambda: seconds, Worker(), len).bars["position"] == best
+        assert compute_reference(SHORT, {"position": wanted}, lambda: seconds, Worker(), len).bars["position"] == best
     assert seen == taken
 
 
@@ -169,8 +169,8 @@ def test_a_motion_that_cannot_be_followed_says_why(monkeypatch):
     monkeypatch.setattr(truths, "_run", lambda *_: "the matrix is singular")
     told = []
     with pytest.raises(NoTruth, match="cannot be followed: the matrix is singular"):
-        truth(SHORT, {}, lambda: 60.0, Worker(), told.append)
-    assert told == ["truth: gauss: the matrix is singular"] * 2
+        compute_reference(SHORT, {}, lambda: 60.0, Worker(), told.append)
+    assert told == ["reference: gauss: the matrix is singular"] * 2
 
 
 def test_loops_are_required_of_the_whole_run(monkeypatch):
@@ -180,7 +180,7 @@ def test_loops_are_required_of_the_whole_run(monkeypatch):
     monkeypatch.setattr(
         "gauss_bench.advice.recommending.run_apart", lambda request, *_, **__: Ended(Status.OK, "", open_once, None, request.wanted)
     )
-    with recommending({"gauss": variants(offer("gauss"))}, loops=1e-6) as recommender:
+    with recommending({"gauss": list_variants(offer("gauss"))}, loops=1e-6) as recommender:
         recommender.truth = known()
         engine = recommender.engines["gauss"]
         trial = recommender._evaluate(engine, Way("gauss", "default", "rk4", "none", SHORT.until / 40), adaptive=False)
@@ -229,7 +229,7 @@ def test_a_pasted_program_moves_as_the_engine_was_judged(case, tmp_path):
     """In a process that cannot import this package, by every kind of step that a program may take."""
     linkage, scenario, engine, settings, integrator, stabilization, size = case
     needs(engine)
-    settings = settings or next(x.name for x in variants(offer(engine)) if x.integrator == integrator)
+    settings = settings or next(x.name for x in list_variants(offer(engine)) if x.integrator == integrator)
     mechanism, end, adaptive = load(linkage, scenario), 0.1, integrator in offer(engine).adaptive
     choice = Choice(settings, integrator, stabilization, 0.01 if adaptive else size, size if adaptive else None)
     file = tmp_path / "pasted.py"
@@ -354,20 +354,20 @@ def test_of_an_engine_with_two_loops_both_are_raced_and_told():
     trials = {way: [Trial(0.01, {SHARE: 0.4}, 100 + k, evaluations=100 + k)] for k, way in enumerate([*compiled, called])}
     options = {name: x.options for name, x in offer("pinocchio").variants.items()}
     engine = _Engine("pinocchio", [], Worker(), (), trials=trials, options=options)
-    chosen = [way._replace(size=0.0) for way, _ in choices(engine)]
+    chosen = [way._replace(size=0.0) for way, _ in list_raced(engine)]
     assert chosen == [*compiled[:3], called]
     seconds = (3e-3, 4e-3, 5e-3, 6e-3, 7e-3, 6e-2)
     times = {way._replace(size=0.01): np.full(3, x) for way, x in zip((*compiled, called), seconds, strict=True)}
-    told = by_loop(engine, times, np.full(3, 1e-3))
+    told = loop_ratios(engine, times, np.full(3, 1e-3))
     assert told == pytest.approx({"compiled": 3.0, "called from Python": 60.0})
-    assert by_loop(replace(engine, name="mujoco"), times, np.full(3, 1e-3)) == {}
+    assert loop_ratios(replace(engine, name="mujoco"), times, np.full(3, 1e-3)) == {}
     answer = Answer("pinocchio", "ok", loops=told)
-    assert remarks(SHORT, [answer])[0].endswith(": compiled 3, called from Python 60")
+    assert list_remarks(SHORT, [answer])[0].endswith(": compiled 3, called from Python 60")
 
 
 def engine_with(*trials, refused=None):
     way = Way("exudyn", "default", "rk4", "none", 0.0)
-    return _Engine("exudyn", [], Worker(), (), trials={way: list(trials)} if trials else {}, longest=6.0, refused=refused)
+    return _Engine("exudyn", [], Worker(), (), trials={way: list(trials)} if trials else {}, longest_limit=6.0, refused=refused)
 
 
 def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible():
@@ -381,13 +381,13 @@ def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible():
         (no_turn, engine_with()),
         *((no_end, engine_with(late, *others)) for others in ((), (crashed,), (refused,))),
         ("not reached in 10 steps", engine_with(Trial(0.1, {SHARE: 2.0}, 10), late)),
-        (refusal, replace(engine_with(refused), left=variants(offer("gauss"))[:1])),
+        (refusal, replace(engine_with(refused), left=list_variants(offer("gauss"))[:1])),
         ("cannot be modelled: no knife edge", engine_with(refused=(Status.SKIP, "no knife edge"))),
         ("not tried: ImportError: broken", engine_with(refused=(Status.ERROR, "ImportError: broken"))),
     ]
     for words, engine in answers:
-        assert answer_of(engine).words == words
-    assert "raise --budget" in advice([Answer("exudyn", "not tried", no_end)], {"position": 1e-6})
+        assert find_reason(engine).words == words
+    assert "raise --budget" in write_advice([Answer("exudyn", "not tried", no_end)], {"position": 1e-6})
 
 
 def test_the_program_that_is_shown_is_that_of_the_advice():
@@ -400,7 +400,7 @@ def test_the_program_that_is_shown_is_that_of_the_advice():
     unraced = replace(held, engine="gauss-native", message="holds, not raced: the time ended first", snippet="run_native()")
 
     def told_as(answers):
-        sentence = advice(answers, {"position": 1e-6})
+        sentence = write_advice(answers, {"position": 1e-6})
         made = ("step-halved", False, {"position": 1e-9}, (*answers,), sentence, (), False)
         return Recommendation("rig", "free", 0.2, {"position": 1e-6}, *made).text
 
@@ -411,11 +411,11 @@ def test_the_program_that_is_shown_is_that_of_the_advice():
     text = told_as([replace(raced, snippet="", message="no answer within 1 s"), unraced])
     assert "run_native()" not in text
     assert "Its program: no answer within 1 s." in text
-    assert "Take mujoco with rk4, step 0.01 s: it holds 1e-06 m with 1.0e-07 m in 5 ms a run. 1 other engine holds it" in text
+    assert "Take mujoco with rk4, step 0.01 s: it holds 1e-06 m with 1.0e-07 m in 5 ms a run. Accurate, not raced: gauss-" in text
     text = told_as([unraced])
     assert "Take gauss-native with rk4, step 0.01 s: it holds 1e-06 m with 1.0e-07 m (no setting was raced)." in text
     assert "run_native()" in text
-    assert advised([unraced, raced]) is raced
+    assert recommended_answer([unraced, raced]) is raced
 
 
 def test_the_program_of_the_advice_is_written_after_the_time_has_ended(monkeypatch):
@@ -437,7 +437,7 @@ def test_the_program_of_the_advice_is_written_after_the_time_has_ended(monkeypat
 
 def test_what_a_busy_machine_answers_differs_in_what_was_not_tried(slow, monkeypatch):
     """Runs of 6 s of work, which a busy machine lets wait for 3 s; and so long that the limit of elapsed time ends the search."""
-    spaces = {name: variants(offer(name))[:2] for name in ("gauss", "schur", "lagrange")}
+    spaces = {name: list_variants(offer(name))[:2] for name in ("gauss", "schur", "lagrange")}
     monkeypatch.setattr(Recommender, "_truth", lambda recommender: known())
     monkeypatch.setattr("gauss_bench.advice.recommending.LANES", 1)
 
@@ -474,11 +474,11 @@ def engine_of(works, adaptive=()):
 
 def test_half_of_the_requirement_holds_and_of_an_engine_four_race_whose_work_is_at_most_four_times_the_least():
     held = engine_of({way("a"): (300, 0.1), way("b"): (100, 0.5), way("c"): (50, 0.5001), way("d"): (100, 0.4)})
-    assert [(x.way.settings, x.way.size) for x in held.passing()] == [("b", 0.01), ("d", 0.01), ("a", 1 / 300)]
+    assert [(x.way.settings, x.way.size) for x in held.accurate_settings()] == [("b", 0.01), ("d", 0.01), ("a", 1 / 300)]
     near = engine_of({way("a"): (100, 0.1), way("b"): (400, 0.1), way("c"): (401, 0.1), way("d", "own"): (5000, 0.1)}, ("own",))
     many = engine_of({way(str(k)): (100 + k, 0.1) for k in range(6)})
-    assert [x.settings for x, _ in choices(near)] == ["a", "b", "d"]
-    assert [x.settings for x, _ in choices(many)] == ["0", "1", "2", "3"]
+    assert [x.settings for x, _ in list_raced(near)] == ["a", "b", "d"]
+    assert [x.settings for x, _ in list_raced(many)] == ["0", "1", "2", "3"]
 
 
 def test_a_variant_may_take_eight_times_the_work_of_the_best(recommender):
@@ -488,7 +488,7 @@ def test_a_variant_may_take_eight_times_the_work_of_the_best(recommender):
 
 
 def test_the_engine_with_the_fewest_tries_has_its_turn_and_after_the_end_only_who_had_none(recommender):
-    left = variants(offer("gauss"))[:1]
+    left = list_variants(offer("gauss"))[:1]
     once = replace(engine_of({way("a"): (100, 0.1)}), left=[*left])
     twice = replace(engine_of({way("a"): (100, 0.1), way("b"): (100, 0.1)}), left=[*left])
     never, busy = replace(engine_of({}), left=[*left]), replace(engine_of({}), left=[*left], busy=True)

@@ -23,7 +23,7 @@ from gauss_bench.releases import asking, compare, costs, environments, library, 
 from gauss_bench.releases.asking import Answers, distrust, read_accelerations
 from gauss_bench.releases.cases import SHIFTS, STATES, linkage_of, states_of
 from gauss_bench.releases.compare import Figure, compare_figures, compare_releases, relative_difference
-from gauss_bench.releases.costs import find_changes, judge_ratio, list_costs, null_width, ratio_of, split
+from gauss_bench.releases.costs import find_changes, judge_ratio, list_costs, noise_of_ratios, ratio_of, split_times
 from gauss_bench.releases.environments import BY_VERSION, CHECKED, Release, as_engines, check_hash, read_available
 from gauss_bench.releases.library import Library, choose_releases, read_library
 from gauss_bench.releases.table import NAMES, make_tables, write_tables
@@ -153,7 +153,7 @@ def test_every_list_of_releases_is_in_order_and_has_hashes():
     assert {*library.names()} == {"mujoco", "pinocchio", "exudyn", "casadi"}
     for engine in library.names():
         found = read_library(engine)
-        assert sorted(found.releases, key=library.order) == list(found.releases)
+        assert sorted(found.releases, key=library.version_numbers) == list(found.releases)
         assert len(found.releases) >= 3
         assert all(len(x) == 64 for x in found.sha256.values())
         for version in found.releases:  # at least the file for this machine
@@ -297,7 +297,7 @@ def test_messages_name_no_folder_and_are_short():
 def test_steps_and_the_fixed_overhead_are_told_apart():
     """A run of N steps takes 1 ms and 20 us a step."""
     short, long = (np.full(3, 1e-3 + 20e-6 * n) for n in (costs.SHORT, costs.LONG))
-    times = split(short, long)
+    times = split_times(short, long)
     assert times[costs.STEP_TIME] == pytest.approx(np.full(3, 20e-6))
     assert times[costs.OVERHEAD] == pytest.approx(np.full(3, 1e-3))
 
@@ -341,9 +341,9 @@ def test_a_release_that_could_not_be_timed_has_the_reason_in_place_of_a_verdict(
 def test_the_null_reaches_as_far_as_the_newest_differs_from_itself():
     newest = np.ones(4)
     for ratio, width in ((1.0, 0.0), (0.9, 0.1), (1.1, 0.1)):
-        assert null_width(np.full(4, ratio), newest) == pytest.approx(width, abs=1e-12)
-    assert null_width(np.array([0.9, 1.0, 1.0, 1.1]), newest) >= 0.1
-    assert null_width(np.array([-1.0, 1.0, 1.0, 1.0]), newest) == np.inf
+        assert noise_of_ratios(np.full(4, ratio), newest) == pytest.approx(width, abs=1e-12)
+    assert noise_of_ratios(np.array([0.9, 1.0, 1.0, 1.1]), newest) >= 0.1
+    assert noise_of_ratios(np.array([-1.0, 1.0, 1.0, 1.0]), newest) == np.inf
     assert np.isnan(ratio_of(np.array([1.0, -1.0]), newest[:2])[0])
 
 
@@ -388,10 +388,10 @@ def test_a_file_is_trusted_by_its_hash_or_installed_by_its_version(tmp_path):
 
 
 def test_what_pip_says_becomes_a_reason():
-    explain = environments.explain
+    explain = environments.explain_failure
     missing = explain(TWIN, "1.0", "ERROR: No matching distribution found for twin==1.0")
     assert missing == "pip finds no wheel of twin 1.0 for this Python and machine"
-    assert explain(TWIN, "1.0", "ERROR: ResolutionImpossible: see") == "twin 1.0 does not go together with numpy>=2"
+    assert explain(TWIN, "1.0", "ERROR: ResolutionImpossible: see") == "twin 1.0 cannot be installed together with numpy>=2"
     assert explain(TWIN, "1.0", "no route to host") == "no route to host"
     assert read_available("twin (2.0)\nAvailable versions: 2.0, 1.0\n  INSTALLED: 1.0\n", "twin") == ["2.0", "1.0"]
     with pytest.raises(InstallationFault, match="lists no releases of twin"):

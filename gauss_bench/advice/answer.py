@@ -83,10 +83,10 @@ def format_setting(
 
 
 def format_limits(wanted: Mapping[str, float]) -> str:
-    """Return requirements (kind of error -> limit) as a text such as "0.0001 m and 0.001 rad"."""
+    """Return requirements (kind of error -> largest allowed error) as a text such as "0.0001 m and 0.001 rad"."""
     return " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in wanted.items())
 
 
 def format_errors(errors: Mapping[str, float], kinds: Iterable[str], joint: str = " and ") -> str:
-    """Return the errors of the given kinds with their units; `joint` is the text between two errors."""
+    """Return the errors of the given kinds as a text such as "1.0e-05 m and 2.0e-04 rad"; `joint` stands between two errors."""
     return joint.join(f"{errors[kind]:.1e} {UNITS[kind]}" for kind in kinds if kind in errors)

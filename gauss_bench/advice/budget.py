@@ -1,7 +1,7 @@
 """A time budget that does not count seconds in which other programs had the processor, up to a limit.
 
-If elapsed time alone counted, a search on a busy machine would lose answers, because engines whose turn comes late would never be
-tried. The budget counts the elapsed time minus the mean waiting time: the time that the processes of the search waited for a
+If elapsed time alone counted, a search on a busy machine would lose answers, because the engines that are tried last would not be
+tried at all. The budget counts the elapsed time minus the mean waiting time: the time that the processes of the search waited for a
 processor, divided by the number of processes that run in parallel (zero if the system does not report it). Each part of the search
 has a share of the budget, and ends in any case when the elapsed time reaches WALL times this share.
 """
@@ -29,6 +29,7 @@ class Budget:
         self._waited, self._lock = 0.0, threading.Lock()
 
     def wall_time(self) -> float:
+        """Return the elapsed time since the start [s]."""
         return time.monotonic() - self.started
 
     def seconds_used(self) -> float:
@@ -37,20 +38,23 @@ class Budget:
             now = waiting_times()
             self._waited += sum(max(0.0, x - self._last_waits.get(thread, 0.0)) for thread, x in now.items())
             self._last_waits |= now
-            passed = self.wall_time()
-            return passed - min(self._waited / self.lanes, passed)
+            elapsed = self.wall_time()
+            return elapsed - min(self._waited / self.lanes, elapsed)
 
     def remaining(self, share: float = 1.0) -> float:
         """Return the seconds left until a share of the budget is used, or until the limit on elapsed time if that comes first."""
         return min(share * self.seconds - self.seconds_used(), self.remaining_wall_time(share))
 
     def remaining_wall_time(self, share: float = 1.0) -> float:
-        """Return the elapsed time [s] until the end of work that may use the given share of the budget."""
+        """Return the elapsed time [s] that is left for work that may use the given share of the budget."""
         return min(WALL * share, END) * self.seconds - self.wall_time()
 
 
 def waiting_times() -> dict[int, float]:
-    """Return thread -> seconds that it has waited for a processor: all threads of this process, the main thread of each child."""
+    """Return thread -> seconds that it has waited for a processor, for all threads of this process and its children's main threads.
+
+    The result is empty if the system does not report waiting times.
+    """
     seconds = read_waits(os.getpid())
     for thread in [*seconds]:
         with contextlib.suppress(OSError):  # a thread may end meanwhile

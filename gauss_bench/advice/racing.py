@@ -28,8 +28,9 @@ def race_there(
 ) -> Tables:
     """Measure the run times of several settings in alternation, in this process (a worker).
 
-    Return two tables: "race" with the fields of the `Way` and the run times [s] of each timed setting, and "failed" with engine and
-    message of each that could not be timed. An engine whose first run takes longer than SLOW is timed by that run alone.
+    Return two tables: "race" has a row for each timed setting, with the fields of its `Way` and its run times [s]; "failed" has a
+    row for each setting that could not be timed, with the engine and a message. An engine whose first run takes longer than SLOW is
+    timed by that run alone.
 
     Args:
         until: end of the runs [s].
@@ -43,22 +44,22 @@ def race_there(
     race, round_time = Race(write_engine_to(path)), 0.0  # [s] elapsed time of one round
     slow: dict[str, tuple[Way, float]] = {}  # engine -> its setting and the seconds of one run
     models: Models = {}
-    for *names, steps in rows:
-        way = Way(*names)
-        left = deadline - time.monotonic() - ROUNDS[0] * round_time
-        if way.engine not in engines or way.engine in slow or (race.blocks and left <= 0):
+    for *fields, steps in rows:
+        way = Way(*fields)
+        time_left = deadline - time.monotonic() - ROUNDS[0] * round_time  # [s] after the fewest rounds of the settings so far
+        if way.engine not in engines or way.engine in slow or (race.blocks and time_left <= 0):
             continue
         race.add(way, pace_run, run, way, steps, LEAD, samples, models)
         if way in race.failed:
             continue
         begun = time.monotonic()
-        seconds = race.blocks[-1].seconds()
-        taken = time.monotonic() - begun
-        if taken > SLOW:  # too slow to compete: one measurement is enough
+        seconds = race.blocks[-1].seconds()  # [s] of a run
+        elapsed = time.monotonic() - begun
+        if elapsed > SLOW:  # too slow to compete: one measurement is enough
             slow[way.engine] = way, seconds
             race.blocks.pop()
         else:
-            round_time += taken
+            round_time += elapsed
     # as many rounds as the time allows, but not fewer or more than ROUNDS
     rounds = int(min(max((deadline - time.monotonic()) / max(round_time, 1e-3), ROUNDS[0]), ROUNDS[1]))
     measured = race.run(rounds)

@@ -23,7 +23,7 @@ import numpy as np
 from gauss_bench.advice.answer import BEATS, LOOPS, UNITS, Answer, format_errors, format_setting
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import race_there
-from gauss_bench.advice.truth import MORE, NoTruth, Truth, truth
+from gauss_bench.advice.truth import MORE, NoTruth, Told, Truth, compute_reference
 from gauss_bench.bench.clock import ratio_columns, spread, time_of
 from gauss_bench.bench.search import coarsest, equal_steps, explore, nearest, no_coarser, pick_winner, tolerances
 from gauss_bench.bench.survived import list_survivors
@@ -44,7 +44,7 @@ SHARE = "share of the requirement"  # kind of error: the largest of the errors, 
 HALF = Requirement(SHARE, 0.5)  # what an accepted setting meets: each error is at most half of the allowed one
 KNOWN = 0.1  # largest error bar of the reference, divided by the allowed error
 REFERENCE_ENGINE = "gauss-native"  # engine whose compiled model computes the reference; it is also searched like any other engine
-DENSE = 400  # largest number of samples of a run with equal steps
+DENSE = 400  # largest number of samples of a run with equal steps; every variant may take twice as many steps
 EVALUATED = 24  # largest number of runs of one variant
 MOST = 200_000  # largest number of steps of a run
 TURNED = 0.7  # [rad] largest turn of the fastest link in a step that is tried: larger steps are never accurate
@@ -56,14 +56,13 @@ NEAR = 4.0  # settings with more than NEAR times the least work of their engine 
 TRUTH, SEARCHED, RACED = 0.5, 0.65, 0.95  # shares of the budget at which the reference, the search and the timing end
 AFTER = 0.05  # share of the budget by which a run may exceed the end of the search
 ONE_TRY = 0.1  # share of the budget that the first run of an engine may take in any case
-TRIED = 0.85  # share of the budget until which an engine without a run gets one
+TRIED = 0.85  # share of the budget at which the first runs of all engines must have ended
 LAST = 1.25  # time at which the programs, the last part of an answer, must be written, in units of the budget
 WRITTEN = 15.0  # [s] that writing the program of the advised setting may take even if the budget is used up
-WAITS = 4.0  # largest elapsed time of this writing, in units of WRITTEN: other programs may have the processor
+WAITS = 4.0  # largest elapsed time of this writing, in units of WRITTEN: it may wait while other programs have the processor
 LONGEST = 0.15  # share of the budget that one run may take; the first run of an engine may take twice as long, because it compiles
 
-Told = Callable[[str], object]
-Better = Callable[[Answer], object]
+Better = Callable[[Answer], object]  # a function that is called with each answer that improves on the engine's previous one
 
 
 class TriedSetting(NamedTuple):
@@ -83,7 +82,7 @@ class TriedSetting(NamedTuple):
         return math.inf if self.trial.steps is None else float(self.trial.steps * EVALUATIONS.get(self.way.integrator, 1))
 
 
-class _Over(Exception):
+class _OutOfTime(Exception):
     """Raised if the time allowed for the search of a variant's step or tolerance is over."""
 
 
@@ -93,12 +92,12 @@ class _Engine:
 
     Attributes:
         left: variants that were not tried yet; variants: number of all its variants.
-        adaptive: its integrators that choose their own steps.
+        adaptive: names of its integrators that choose their own steps.
         options: name of the settings -> options of the engine.
         trials: variant (a `Way` of size 0) -> its trial runs, one for each step or tolerance that was tried.
         cut: whether the search of a variant ended because its time was over.
         busy: whether a thread runs a variant now.
-        longest: the largest time limit of a run so far [s].
+        longest_limit: the largest time limit of a run so far [s].
         refused: the status and the reason if the engine cannot run the linkage.
         owner: the engine's authors if the variants are theirs; empty if they are the suite's.
     """
@@ -112,7 +111,7 @@ class _Engine:
     trials: dict[Way, list[Trial]] = field(default_factory=dict)
     cut: bool = False
     busy: bool = False
-    longest: float = 0.0
+    longest_limit: float = 0.0
     refused: tuple[Status, str] | None = None
     owner: str = ""
 
@@ -135,23 +134,23 @@ class _Engine:
         """Return the trials of all variants, in the order of the search."""
         return [trial for trials in self.trials.values() for trial in trials]
 
-    def passing(self) -> list[TriedSetting]:
+    def accurate_settings(self) -> list[TriedSetting]:
         """Return the accurate settings (HALF), from the least work to the most.
 
         Each variant gives one setting: the one with its largest step or tolerance that is accurate.
         """
-        found = [(way, coarsest(trials, HALF)) for way, trials in self.trials.items()]
-        accurate = [TriedSetting(way._replace(size=trial.size), trial) for way, trial in found if trial is not None]
+        largest = [(way, coarsest(trials, HALF)) for way, trials in self.trials.items()]
+        accurate = [TriedSetting(way._replace(size=trial.size), trial) for way, trial in largest if trial is not None]
         return sorted(accurate, key=lambda x: x.work)
 
     def best(self) -> TriedSetting | None:
         """Return the setting with the least work that meets the requirement so far, or None."""
-        return next(iter(self.passing()), None)
+        return next(iter(self.accurate_settings()), None)
 
     def nearest(self) -> TriedSetting | None:
-        """Return the setting with the smallest SHARE; None if no run ended."""
-        found = [(way, nearest(trials, SHARE)) for way, trials in self.trials.items()]
-        ended = [TriedSetting(way._replace(size=trial.size), trial) for way, trial in found if trial is not None]
+        """Return the setting whose errors come nearest to the requirement (the smallest SHARE); None if no run ended."""
+        smallest = [(way, nearest(trials, SHARE)) for way, trials in self.trials.items()]
+        ended = [TriedSetting(way._replace(size=trial.size), trial) for way, trial in smallest if trial is not None]
         return min(ended, key=lambda x: x.trial.errors[SHARE], default=None)
 
     def loop_of(self, way: Way) -> str:
@@ -159,6 +158,7 @@ class _Engine:
         return str(self.options.get(way.settings, {}).get("loop", ""))
 
     def size_of(self, way: Way) -> dict[str, float]:
+        """Return the size of a setting under its name: {"tolerance": ...} if the integrator is adaptive, else {"step": ...} [s]."""
         return {"tolerance" if way.integrator in self.adaptive else "step": way.size}
 
 
@@ -182,7 +182,7 @@ class Recommender:
         better: Better = lambda answer: None,
         owned: Mapping[str, Sequence[Variant]] | None = None,
     ):
-        """Prepare the search.
+        """Prepare the search: start a worker for each engine, and list the variants to try.
 
         Args:
             wanted: kind of error -> largest allowed error [m], [rad], [N].
@@ -236,14 +236,14 @@ class Recommender:
         for kind, limit in self.wanted.items():
             if kind in truth.bars and not truth.bars[kind] <= KNOWN * limit:
                 known = f"the error bar of the reference is {truth.bars[kind]:.1e} {UNITS[kind]}"
-                raise NoTruth(f"{known}, more than a tenth of the required {limit:g} {UNITS[kind]}: {truth.told}")
+                raise NoTruth(f"{known}, more than a tenth of the required {limit:g} {UNITS[kind]}: {truth.description}")
         self.truth = truth
         # [s] the longest step, in which the fastest link turns by TURNED
-        self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
+        self.longest_step = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
         # With the first step that is tried, the reference's method would have an error of half the requirement. Its error is about
         # `halving` with `truth.steps` steps, and falls with steps^-ORDER.
         error_share = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
-        self.first = self.run.until / (truth.steps * (error_share / HALF.limit) ** (1 / ORDER))  # [s]
+        self.first_step = self.run.until / (truth.steps * (error_share / HALF.limit) ** (1 / ORDER))  # [s]
         threads = [threading.Thread(target=self._search_in_turn, daemon=True) for _ in range(LANES)]
         for thread in threads:
             thread.start()
@@ -262,7 +262,7 @@ class Recommender:
         wanted = {k: KNOWN * x for k, x in self.wanted.items()}
         own = self.engines.get(REFERENCE_ENGINE)
         worker = own.worker if own is not None and own.refused is None else self._workers.enter_context(Worker())
-        return truth(self.run, wanted, lambda: self.budget.remaining(TRUTH), worker, self.report)
+        return compute_reference(self.run, wanted, lambda: self.budget.remaining(TRUTH), worker, self.report)
 
     def _search_in_turn(self) -> None:
         """Search one variant after the other until none is left; LANES threads run this. Errors are kept in `_failures`."""
@@ -303,35 +303,37 @@ class Recommender:
         scale, most = tolerances(smallest=12), 0  # tolerances down to 1e-12; most: largest number of steps, 0 if adaptive
         if not adaptive:
             most = self._step_limit(way, before)
-            scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
-        known: dict[float, Trial] = {}  # size -> trial: the search asks for some sizes twice
-        left = self.budget.remaining(SEARCHED)
-        # the first variant of an engine has twice an equal share of the time
-        until = self.budget.seconds_used() + (min(left, 2 * LANES * left / (1 + self._untried())) if is_first else left)
+            scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest_step)
+        by_size: dict[float, Trial] = {}  # the search evaluates some sizes twice
+        # [s] of the budget; the first variant of an engine has twice an equal share of the time that is left for the search
+        time_left = self.budget.remaining(SEARCHED)
+        allowed = min(time_left, 2 * LANES * time_left / (1 + self._untried())) if is_first else time_left
+        until = self.budget.seconds_used() + allowed
 
         def evaluate(size: float) -> Trial:
             """Return the trial at a step [s] or tolerance; if there is none yet, run it.
 
             Raises:
-                _Over: the time allowed for the variant is used up.
+                _OutOfTime: the time allowed for the variant is used up.
             """
-            if size not in known:
+            if size not in by_size:
                 # the first run of an engine is made in any case
-                if (known or not is_first) and self.budget.seconds_used() >= until:
-                    raise _Over
-                known[size] = self._evaluate(engine, way._replace(size=size), adaptive)
-                trials.append(known[size])
-            return known[size]
+                if (by_size or not is_first) and self.budget.seconds_used() >= until:
+                    raise _OutOfTime
+                by_size[size] = self._evaluate(engine, way._replace(size=size), adaptive)
+                trials.append(by_size[size])
+            return by_size[size]
 
         try:
             # if the time is over, the engine gets one run only; half the usual step makes it likely to be accurate
             is_late = is_first and self.budget.remaining(SEARCHED) <= 0
-            start = scale if adaptive else no_coarser(scale, self.first / 2 if is_late else self.first)
+            first_step = self.first_step / 2 if is_late else self.first_step
+            start = scale if adaptive else no_coarser(scale, first_step)
             # begin with coarser sizes as long as these are accurate enough
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
                 start = no_coarser(scale, 2 * start.sizes[0])
             explore(evaluate, start, [HALF], EVALUATED, most)
-        except _Over:
+        except _OutOfTime:
             engine.cut = True
         if trials and not engine.has_run:  # the engine refused the linkage in every trial so far
             self._choose_after_refusal(engine, trials[-1])
@@ -360,8 +362,8 @@ class Recommender:
         """
         if before is None:
             return MOST
-        spared = SPARE * before.work / EVALUATIONS.get(way.integrator, 1)
-        return int(min(MOST, max(spared, 2 * DENSE)))
+        steps = SPARE * before.work / EVALUATIONS.get(way.integrator, 1)
+        return int(min(MOST, max(steps, 2 * DENSE)))
 
     def _evaluate(self, engine: _Engine, way: Way, adaptive: bool) -> Trial:
         """Run a setting and return the trial run.
@@ -373,13 +375,13 @@ class Recommender:
         steps = BEATS if adaptive else round(self.run.until / way.size)
         # the number of samples divides the number of steps, so that no shorter step is needed to meet a sample
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
-        wanted = sample(self.run, steps, samples)
+        sampling = sample(self.run, steps, samples)
         limit, wall = self._limit(engine), max(self.budget.remaining_wall_time(TRIED), 1.0)
-        engine.longest = max(engine.longest, min(limit, wall))
-        request = request_of(self.run, way, adaptive, wanted)
+        engine.longest_limit = max(engine.longest_limit, min(limit, wall))
+        request = request_of(self.run, way, adaptive, sampling)
         # keep_model: the worker keeps the model, because further runs of this engine follow
         ran = run_apart(request, self.run.mechanism, limit, engine.worker, keep_model=True, longest=wall)
-        trial = judge_trial(self.run, self.judge, self.truth.at(self.run, wanted.times), way, ran)
+        trial = judge_trial(self.run, self.judge, self.truth.at(self.run, sampling.times), way, ran)
         if trial.status is not Status.OK:
             return trial
         errors = dict(trial.errors)
@@ -395,14 +397,17 @@ class Recommender:
         The time until the share TRIED of the budget is divided equally among the engines that wait for their first run.
         """
         # the time until the end of the search, which a run may exceed by the share AFTER of the budget
-        left = self.budget.remaining(SEARCHED + AFTER)
+        time_left = self.budget.remaining(SEARCHED + AFTER)
         if engine.has_run:
-            return max(min(LONGEST * self.budget.seconds, left), 1.0)
-        first_share = max(left, LANES * self.budget.remaining(TRIED) / (1 + self._untried()))
+            return max(min(LONGEST * self.budget.seconds, time_left), 1.0)
+        first_share = max(time_left, LANES * self.budget.remaining(TRIED) / (1 + self._untried()))
         return max(min(2 * LONGEST * self.budget.seconds, first_share), ONE_TRY * self.budget.seconds, 1.0)
 
     def _report_change(self, engine: _Engine, before: TriedSetting | None) -> None:
-        """Report a refusal, a first nearest miss, or a cheaper setting than `before`, the best before this variant was searched."""
+        """Report how the search of a variant changed the state of an engine whose best setting was `before` (None without one).
+
+        Reported are a cheaper setting, a refusal, and the errors of an engine's first variant if it is not accurate.
+        """
         after = engine.best()
         if after is None:
             near = nearest(engine.all_trials(), SHARE)
@@ -410,7 +415,7 @@ class Recommender:
                 status, reason = engine.refused
                 self.report(f"{engine.title}: {status}: {reason}")
             elif near is not None and len(engine.trials) == 1:
-                self.report(f"{engine.title}: not yet; nearest {self._errors(near)}")
+                self.report(f"{engine.title}: not accurate yet; nearest {self._errors(near)}")
         elif before is None or after.work < before.work:
             how = "holds" if before is None else "better"
             self.report(f"{engine.title}: {how}: {describe_setting(after.way, engine)}: {self._errors(after.trial)}")
@@ -418,6 +423,7 @@ class Recommender:
                 self._better(replace(self._accepted_answer(engine, after, None, None), message="not raced yet"))
 
     def _errors(self, trial: Trial) -> str:
+        """Return the errors of a trial run, of the kinds that are required, as text."""
         return format_errors(trial.errors, self.wanted, ", ")
 
     # The timing of the accurate settings
@@ -425,8 +431,8 @@ class Recommender:
     def race(self) -> dict[Way, Array]:
         """Time the accurate settings side by side in one process; return setting -> run time in each round (rounds,) [s]."""
         chosen: dict[Way, int | None] = {}  # setting -> number of steps
-        by_engine = [choices(x) for x in self.engines.values()]
-        for rank in range(CHOICES):  # first choices of all engines before second choices of any
+        by_engine = [list_raced(x) for x in self.engines.values()]
+        for rank in range(CHOICES):  # the first settings of all engines before the second of any: time may end before all are timed
             chosen |= {settings[rank].way: settings[rank].trial.steps for settings in by_engine if rank < len(settings)}
         if not chosen or self.budget.remaining(RACED) <= 0:
             return {}
@@ -445,7 +451,7 @@ class Recommender:
         self.lost = {row["engine"]: row["message"] for row in tables["failed"]} | {name: str(x) for name, x in lost.items()}
         for name, failure in self.lost.items():
             self.report(f"race: {name}: {failure}")
-        return {Way(*r["way"]): np.array(r["seconds"]) for r in tables["race"] if r["seconds"]}
+        return {Way(*row["way"]): np.array(row["seconds"]) for row in tables["race"] if row["seconds"]}
 
     def answers(self, times: Mapping[Way, Array]) -> list[Answer]:
         """Return an answer for every engine: first those that meet the requirement, the fastest first, then the others.
@@ -454,7 +460,7 @@ class Recommender:
         """
         chosen: dict[str, TriedSetting] = {}  # title of an engine -> its setting
         for engine in self.engines.values():
-            accurate = {x.way: x for x in engine.passing()}
+            accurate = {x.way: x for x in engine.accurate_settings()}
             if timed := {way: times[way] for way in accurate if way in times}:
                 winner, *_ = pick_winner(timed)
                 chosen[engine.title] = accurate[winner]
@@ -464,9 +470,10 @@ class Recommender:
         accepted = []
         for title, setting in chosen.items():
             engine = self.engines[title]
-            own = {way: x for way, x in times.items() if way.settings in engine.options}
+            # an engine with contributed settings stands twice in `engines`: each time with other settings
+            own_times = {way: x for way, x in times.items() if way.settings in engine.options}
             answer = self._accepted_answer(engine, setting, times.get(setting.way), fastest)
-            accepted.append(replace(answer, loops=by_loop(engine, own, fastest)))
+            accepted.append(replace(answer, loops=loop_ratios(engine, own_times, fastest)))
         accepted.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)  # settings that were not timed come last
         return accepted + [self._answer_without_setting(x) for x in self.engines.values() if x.title not in chosen]
 
@@ -518,41 +525,42 @@ class Recommender:
 
     def _answer_without_setting(self, engine: _Engine) -> Answer:
         """Return the answer for an engine without a setting that meets the requirement."""
-        found = answer_of(engine)
+        reason = find_reason(engine)
         # an engine that cannot model the linkage is skipped, which is no failure
-        status = str(Status.SKIP if found.kind in (Kind.NO_MODEL, Kind.UNDETERMINED) else found.kind)
+        status = str(Status.SKIP if reason.kind in (Kind.NO_MODEL, Kind.UNDETERMINED) else reason.kind)
         near, counts = engine.nearest(), self._counts(engine)
-        if found.kind is not Kind.NOT_REACHED or near is None:
-            return Answer(engine.name, status, found.words, **counts)
+        if reason.kind is not Kind.NOT_REACHED or near is None:
+            return Answer(engine.name, status, reason.words, **counts)
         untried = "" if counts["complete"] else "; some variants were not tried"
-        message = f"{found.words}; came to {self._errors(near.trial)} with {describe_setting(near.way, engine)}{untried}"
+        message = f"{reason.words}; came to {self._errors(near.trial)} with {describe_setting(near.way, engine)}{untried}"
         return Answer(engine.name, status, message, steps=near.trial.steps, errors=known_errors(near.trial), **counts)
 
 
 def known_errors(trial: Trial) -> dict[str, float]:
-    """Return kind -> error of a trial run for the kinds in UNITS, without undetermined ones (NaN)."""
+    """Return kind -> error of a trial run [m], [rad], [N], without SHARE and without undetermined errors (NaN)."""
     return {kind: x for kind, x in trial.errors.items() if kind in UNITS and not math.isnan(x)}
 
 
-def choices(engine: _Engine) -> list[TriedSetting]:
+def list_raced(engine: _Engine) -> list[TriedSetting]:
     """Return at most CHOICES settings of an engine to be timed: those whose work is at most NEAR times the least work.
 
     For each time loop that none of them uses, the setting with the least work in this loop is added. Adaptive integrators count as
     near, because their run time does not follow from the number of evaluations.
     """
-    settings = engine.passing()  # by increasing work
+    settings = engine.accurate_settings()  # by increasing work
     least = min((x.work for x in settings), default=0.0)
     near = [x for x in settings if x.work <= NEAR * least or x.way.integrator in engine.adaptive][:CHOICES]
-    loops_covered = {engine.loop_of(x.way) for x in near}
-    # reversed, so that the setting with the least work replaces the others of its loop
-    others = {engine.loop_of(x.way): x for x in reversed(settings) if engine.loop_of(x.way) not in loops_covered}
-    return [*near[: CHOICES - len(others)], *others.values()]
+    by_loop = {engine.loop_of(x.way): x for x in reversed(settings)}  # the last of a loop, the one with the least work, is kept
+    covered = {engine.loop_of(x.way) for x in near}
+    others = [x for loop, x in by_loop.items() if loop not in covered]
+    return [*near[: CHOICES - len(others)], *others]
 
 
-def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
+def loop_ratios(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
     """Return name of a time loop -> run time of its fastest setting divided by the run time of the fastest engine.
 
-    The result is empty unless settings of several time loops were timed. `times` and `fastest` are (rounds,) [s].
+    The result is empty unless settings of several time loops were timed. `times` has the run times of each setting in each round
+    (rounds,) [s], and `fastest` those of the fastest engine.
     """
     seconds: dict[str, list[float]] = {}
     for way, x in times.items():
@@ -563,8 +571,8 @@ def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) 
     return {loop: min(some) / time_of(fastest) for loop, some in seconds.items()}
 
 
-def answer_of(engine: _Engine) -> Reach:
-    """Return why an engine has no setting that meets the requirement."""
+def find_reason(engine: _Engine) -> Reach:
+    """Return why an engine has no setting that meets the requirement: the kind of reason, and a sentence."""
 
     def not_tried(reason: str) -> Reach:
         return Reach(Kind.NOT_TRIED, f"{reason}; {MORE}", within="within the budget")
@@ -580,12 +588,13 @@ def answer_of(engine: _Engine) -> Reach:
         return not_tried("it had no turn")
     if engine.left and not engine.has_run:
         return not_tried(f"the variants that had a turn refused ({trials[0].message})")
-    # a refusal or a crash at one setting does not tell the errors of runs that did not end
+    # a refusal or crash at one setting says nothing about the errors of runs that did not end in time
     statuses = {trial.status for trial in trials}
     if Status.TIMEOUT in statuses and Status.OK not in statuses:
-        return not_tried(f"no run ended in the {engine.longest:.3g} s that it had")
+        return not_tried(f"no run ended in the {engine.longest_limit:.3g} s that it had")
     return reach(engine.trials.values(), [HALF])
 
 
 def describe_setting(way: Way, engine: _Engine) -> str:
+    """Return a setting of an engine as text."""
     return format_setting(way.settings, way.integrator, way.stabilization, **engine.size_of(way))

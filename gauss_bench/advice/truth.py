@@ -28,15 +28,17 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
 MORE = "a larger --budget helps"  # the end of the reason of a failure that more time would have prevented
-METHOD = "dop853_fixed"
+METHOD = "dop853_fixed"  # Dormand and Prince's method of order eight, with equal steps
 PLAIN, NATIVE = 100, 1600  # steps of the coarser run of the first pair, in numpy and compiled
-LOOK = 0.2  # share of the budget for the first two runs, in numpy
+LOOK = 0.2  # share of the budget for the first pair of runs, in numpy
 COMPILED = 0.6  # share of the budget for compiled code, which may be compiled during a run; the rest is for numpy
 MOST = 400_000  # largest number of steps of the coarser run of a pair
 SAMPLES = 3200  # largest number of samples of the reference
 AGREEMENT = 1e-6  # allowed relative difference of accelerations from those in numpy: rounding leaves 1e-9, a wrong term about 1
-ERROR_GROWTH = 16.0  # an interpolation through every second sample is 2^6 times as far off; a quarter of that is relied on
+ERROR_GROWTH = 16.0  # interpolation of order six through every second sample has 2^6 = 64 times the error; a margin of 4
 SHORTER, ATTEMPTS = 4.0, 3  # divisor of a duration without a reference, and number of durations that are tried
+
+Told = Callable[[str], object]  # a function that is called with each sentence of progress
 
 
 class NoTruth(ArithmeticError):
@@ -54,7 +56,7 @@ class Truth:
         halving: kind of error -> change of the result when the steps are halved [m], [rad], [N].
         steps: number of steps of the coarser run of the pair; the reference took twice as many.
         certified: whether a certificate confirms the motion.
-        told: one line on how the reference was made.
+        description: one line on how the reference was made.
     """
 
     reference: Reference
@@ -62,11 +64,11 @@ class Truth:
     halving: Mapping[str, float]
     steps: int
     certified: bool
-    told: str
+    description: str
 
     def at(self, run: Run, times: Array) -> Reference:
         """Return the reference motion, with accelerations, at any times (k,) [s] within the run."""
-        q, v = between(self.reference, times)
+        q, v = interpolate(self.reference, times)
         a = AbsoluteCoordinates(run.mechanism).acceleration(times, q, v)
         return Reference.with_one_bar(Trajectory(times, q, v, a, None), self.reference.method, self.bar)
 
@@ -77,12 +79,12 @@ class Truth:
 
 
 def shorten(until: float) -> Iterator[float]:
-    """Yield a duration [s] and shorter ones, because a chaotic motion has a reference over a short time only."""
+    """Yield a duration [s], a quarter and a sixteenth of it, because a chaotic motion has a reference over a short time only."""
     for k in range(ATTEMPTS):
         yield until / SHORTER**k
 
 
-def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
+def interpolate(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
     """Return q and v (k, n) at times (k,) [s] between equally spaced samples, by quintic Hermite polynomials of q.
 
     In an interval, in which s runs from 0 to 1, q(s) = p + u s + b s^2 / 2 + c3 s^3 + c4 s^4 + c5 s^5. p, u and b are q and its
@@ -99,11 +101,11 @@ def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
     return q, (u + s * (b + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h
 
 
-def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Callable[[str], object]) -> Truth:
+def compute_reference(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Told) -> Truth:
     """Return a reference whose error bars are within `wanted`, or as small as time and rounding allow.
 
-    One pair of short runs in numpy is tried first, then compiled runs, for at most the share COMPILED of the budget, and last
-    longer runs in numpy.
+    One pair of runs with few steps is tried first, in numpy, then compiled runs, for at most the share COMPILED of the budget, and
+    last runs with more steps in numpy.
 
     Args:
         wanted: kind of error -> largest error bar [m], [rad], [N].
@@ -118,45 +120,47 @@ def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], work
     reasons: dict[str, str] = {}
     references: list[Truth] = []
 
-    def try_steps(engine: str, where: Worker, share: float, first: int, most: float = math.inf) -> bool:
+    def try_steps(engine: str, where: Worker, reserved: float, first: int, most: float = math.inf) -> bool:
         """Run an engine in pairs of n and 2 n steps, n from `first` to `most`; return whether a finer run is accurate enough.
 
-        The finer runs are added to `references`, and the reason of a failure to `reasons`. `share` is the fraction of the budget
-        that is reserved for later attempts.
+        The finer runs are added to `references`, and the reason of a failure to `reasons`. `reserved` is the share of the budget
+        that is left for later attempts.
         """
         try:
-            for found in follow(run, engine, where, lambda: left() - share * budget, first, most):
-                told(f"truth: {2 * found.steps} steps by {engine}, known to {format_errors(found.bars, wanted, ', ')}")
-                references.append(found)
-                if all(found.bars.get(k, 0.0) <= x for k, x in wanted.items()):
+            for reference in halve_steps(run, engine, where, lambda: left() - reserved * budget, first, most):
+                bars = format_errors(reference.bars, wanted, ", ")
+                told(f"reference: {2 * reference.steps} steps by {engine}, known to {bars}")
+                references.append(reference)
+                if all(reference.bars.get(k, 0.0) <= x for k, x in wanted.items()):
                     return True
         except NoTruth as failure:
             reasons[engine] = str(failure)
-            told(f"truth: {engine}: {failure}")
+            told(f"reference: {engine}: {failure}")
         return False
 
-    with np.errstate(all="ignore"), Worker() as aside:
-        served = try_steps("gauss", aside, 1 - LOOK, PLAIN, PLAIN)
-        if not served and find_spec("llvmlite") and not run.mechanism.has_friction:
-            served = try_steps("gauss-native", worker, 1 - COMPILED, NATIVE)
-        served = served or try_steps("gauss", aside, 0.0, 2 * PLAIN)
+    with np.errstate(all="ignore"), Worker() as numpy_worker:
+        is_accurate = try_steps("gauss", numpy_worker, 1 - LOOK, PLAIN, PLAIN)
+        if not is_accurate and find_spec("llvmlite") and not run.mechanism.has_friction:
+            is_accurate = try_steps("gauss-native", worker, 1 - COMPILED, NATIVE)
+        is_accurate = is_accurate or try_steps("gauss", numpy_worker, 0.0, 2 * PLAIN)
         if not references:
-            why = "; ".join(dict.fromkeys(reasons.values()))
+            why = [*dict.fromkeys(reasons.values())]
             if left() <= 0:
-                ended = f"; {why}" if why else ""
-                raise NoTruth(f"no reference within {budget:.3g} s, its share of the budget; {MORE}{ended}")
-            raise NoTruth(f"the motion cannot be followed: {why}")
-        best = references[-1] if served else min(references, key=lambda x: max(x.bars.get(k, 0.0) / y for k, y in wanted.items()))
+                raise NoTruth("; ".join([f"no reference within {budget:.3g} s, its share of the budget; {MORE}", *why]))
+            raise NoTruth(f"the motion cannot be followed: {'; '.join(why)}")
+        best = references[-1]
+        if not is_accurate:  # the one whose error bars are smallest relative to the wanted ones
+            best = min(references, key=lambda x: max(x.bars.get(k, 0.0) / y for k, y in wanted.items()))
         return _certify(run, best)
 
 
-def follow(
+def halve_steps(
     run: Run, engine: str, worker: Worker, left: Callable[[], float], steps: int = PLAIN, most: float = math.inf
 ) -> Iterator[Truth]:
     """Yield references that one engine computes, each with half the step of the one before.
 
-    A reference is the finer run of a pair with n and 2 n steps; n doubles from `steps` to `most`. The generator ends when the time
-    is up, or when rounding stops the improvement.
+    A reference is the finer run of a pair with n and 2 n steps; n doubles from `steps` to `most`. The generator ends when left(),
+    the remaining time [s], is used up, or when the error bars no longer shrink, because of rounding.
 
     Raises:
         NoTruth: the run with the smallest steps failed, or accelerations of a run do not satisfy the linkage's equations.
@@ -172,11 +176,11 @@ def follow(
         if isinstance(coarse, str) or isinstance(fine, str):
             failed = fine if isinstance(fine, str) else str(coarse)
         elif left() > 0:
-            found = _compare(run, judge, coarse, fine, steps, engine)
-            if best is not None and all(found.bars[k] >= best.bars[k] for k in ("position", "angle")):
+            reference = _compare(run, judge, coarse, fine, steps, engine)
+            if best is not None and all(reference.bars[k] >= best.bars[k] for k in ("position", "angle")):
                 return  # rounding: smaller steps improve nothing
-            best = found
-            yield found
+            best = reference
+            yield reference
         steps *= 2
     if failed:
         raise NoTruth(failed)
@@ -185,11 +189,11 @@ def follow(
 def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Trajectory | str:
     """Run an engine with `steps` equal steps for at most `limit` seconds; return the trajectory, or the reason why there is none.
 
-    It has at most about SAMPLES equally spaced samples.
+    The trajectory has at most about SAMPLES equally spaced samples.
     """
-    every = max(1, math.ceil(steps / SAMPLES))
-    kept = steps // every
-    times = run.until / kept * np.arange(kept + 1)
+    every = max(1, math.ceil(steps / SAMPLES))  # steps between two samples
+    intervals = steps // every
+    times = run.until / intervals * np.arange(intervals + 1)
     choice = Choice("default", METHOD, "none", run.until / steps)
     request = Request(run.linkage, run.mechanism.scenario, engine, choice, Sampling(times, choice.step, count=steps, shortened=0))
     ran = run_apart(request, run.mechanism, limit, worker, keep_model=True)
@@ -205,29 +209,29 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
         NoTruth: the accelerations that the engine reported do not satisfy the linkage's equations of motion.
     """
     every = (len(fine.t) - 1) // (len(coarse.t) - 1)  # samples of the finer run for each of the coarser one
-    kept = fine[::every]  # samples of the finer run at the times of the coarser run
-    true = AbsoluteCoordinates(run.mechanism).acceleration(kept.t, kept.q, kept.v)
-    off = float(np.median(relative_acceleration_error(kept.a, true)))
-    if not off <= AGREEMENT:
-        raise NoTruth(f"accelerations of {engine} differ from those of the linkage by {off:.1e} of their size")
+    samples = fine[::every]  # at the times of the coarser run
+    true = AbsoluteCoordinates(run.mechanism).acceleration(samples.t, samples.q, samples.v)
+    error = float(np.median(relative_acceleration_error(samples.a, true)))
+    if not error <= AGREEMENT:  # also if it is NaN
+        raise NoTruth(f"accelerations of {engine} differ from those of the linkage by {error:.1e} of their size")
     how = f"step-halved ({2 * steps} steps of order eight by {engine}, and {steps})"
-    reference = Reference.with_one_bar(replace(kept, a=true), how)
+    reference = Reference.with_one_bar(replace(samples, a=true), how)
     bars = state_errors(run.mechanism, coarse, reference).largest
     force = float(joint_force_errors(judge, coarse, reference).max())
     halving = bars | ({} if math.isnan(force) else {"force": force})
-    # the odd samples, interpolated from the even ones, are off by 64 times the interpolation error between all samples
-    half, between_samples = reference.samples[::2], {"position": math.inf, "angle": math.inf}
-    if len(half.t) > 1:
-        missed = np.abs(between(half, reference.t[1:-1:2])[0] - reference.q[1:-1:2]) / ERROR_GROWTH
-        between_samples = {kind: float(of(missed).max(initial=0.0)) for kind, of in (("position", places), ("angle", angles))}
+    # the odd samples, interpolated from the even ones, have 64 times the interpolation error between all samples
+    even, between_samples = reference.samples[::2], {"position": math.inf, "angle": math.inf}
+    if len(even.t) > 1:
+        missed = np.abs(interpolate(even, reference.t[1:-1:2])[0] - reference.q[1:-1:2]) / ERROR_GROWTH  # (k, n)
+        between_samples = {"position": float(places(missed).max(initial=0.0)), "angle": float(angles(missed).max(initial=0.0))}
     gaps = float(drift(judge, fine).position.max())  # largest gap of a joint [m]
     bars = {kind: x + between_samples[kind] + gaps for kind, x in bars.items()}
     # for positions and angles `bars` replaces the smaller error bar in `halving`
-    return Truth(reference, bars=halving | bars, halving=halving, steps=steps, certified=False, told=how)
+    return Truth(reference, bars=halving | bars, halving=halving, steps=steps, certified=False, description=how)
 
 
 def _certify(run: Run, truth: Truth) -> Truth:
-    """Return a reference after comparing it with the certificate of the motion, if there is one.
+    """Return a reference that was compared with the certificate of the motion; without a certificate, the reference as it is.
 
     The new error bars include the difference from the certificate.
 
@@ -237,12 +241,12 @@ def _certify(run: Run, truth: Truth) -> Truth:
     certificate = find_certified(run.mechanism, run.until)
     if certificate is None:
         return truth
-    q, v = between(truth.reference, certificate.t)
-    off = state_errors(run.mechanism, replace(certificate.samples, q=q, v=v), certificate).largest
+    q, v = interpolate(truth.reference, certificate.t)
+    errors = state_errors(run.mechanism, replace(certificate.samples, q=q, v=v), certificate).largest
     certified_error = float(np.fmax(certificate.error_q, certificate.floor_q).max())
-    if max(off.values()) > 1e3 * max(truth.bar, certified_error):
-        raise NoTruth(f"the motion found and the certified one differ by {max(off.values()):.1e}")
+    if max(errors.values()) > 1e3 * max(truth.bar, certified_error):
+        raise NoTruth(f"the motion found and the certified one differ by {max(errors.values()):.1e}")
     # at order eight, the error of the finer run is 1/2^8 = 1/256 of the difference from the coarser one
-    bars = {**truth.bars, **{kind: max(x, truth.bars[kind] / 256) + certified_error for kind, x in off.items()}}
-    told = f"certified to {certified_error:.0e}, which the motion found here confirms: {truth.told}"
-    return replace(truth, bars=bars, certified=True, told=told)
+    bars = {kind: max(x, truth.bars[kind] / 256) + certified_error for kind, x in errors.items()}
+    how = f"certified to {certified_error:.0e}, which the motion found here confirms: {truth.description}"
+    return replace(truth, bars={**truth.bars, **bars}, certified=True, description=how)

@@ -48,8 +48,8 @@ def compare(
         raise ChoiceError(f"jobs must be at least 1, not {jobs}")
     mechanism = load(linkage, scenario)
     end = duration(mechanism.duration, until=t_end)
-    wanted = [x.name for x in offers(engines or names())]
-    cases = list(cross({linkage: mechanism.scenario}, wanted, usable_steps(steps, end), end, asked=settings))
+    chosen = [x.name for x in offers(engines or names())]
+    cases = list(cross({linkage: mechanism.scenario}, chosen, usable_steps(steps, end), end, asked=settings))
     with tempfile.TemporaryDirectory() as folder:
         rows, _ = measure_all(cases, Path(folder), jobs, limit=check_budget(budget, CASE_LIMIT))
     return pd.DataFrame(rows, columns=[*TABLES["results"].names])

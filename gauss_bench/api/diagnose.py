@@ -24,7 +24,7 @@ from gauss_bench.metrics import state_errors
 from gauss_bench.reach import UNITS
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, run_apart
-from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, check_size, duration, offer
+from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, check_positive, check_size, duration, offer
 from gauss_bench.runs.one_run import Run, Sampling
 from gauss_bench.runs.questions import ForceQuestion, ask_along
 from gauss_bench.runs.worker import Worker
@@ -140,7 +140,7 @@ def diagnose(
     with Worker() as worker:
         if subject.file is not None:
             refuse_what_acts(subject.file, end, worker)
-        told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the reference")
+        told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: computing the reference")
         reference = find_reference(linkage, mechanism, end, deadline, told)
         question = ask_along(mechanism, reference)
         verdict, first = run_ladder(linkage, mechanism, subject, end, reference, deadline, worker, told, question)
@@ -158,7 +158,7 @@ def diagnose(
 def subject_with_settings(
     engine: str | None, settings: str | None, integrator: str | None, stabilization: str | None, step: float | None
 ) -> Subject:
-    """Return an engine with the given settings; a setting that is None takes the engine's default."""
+    """Return an engine with the given settings to be diagnosed; a setting that is None takes the engine's default."""
     if engine is None:
         raise ChoiceError("--engine: name the engine to diagnose")
     offered = offer(engine)
@@ -177,7 +177,7 @@ def run_ladder(
     told: Told,
     question: ForceQuestion,
 ) -> tuple[Verdict, Run | None]:
-    """Diagnose runs with finer and finer steps or tolerances; return the verdict, and the first run or None if none was needed.
+    """Diagnose runs with finer and finer steps or tolerances; return the verdict and the first run (None if there was no run).
 
     Args:
         end: duration of the runs [s].
@@ -189,11 +189,11 @@ def run_ladder(
 
     def run(chosen: Choice, wanted: Sampling) -> Run:
         """Run the engine once with the setting `chosen` within the time that is left, and add the run to `runs`."""
-        left = max(MIN_TIME, deadline - time.monotonic())
+        limit = max(MIN_TIME, deadline - time.monotonic())
         request = Request(linkage, mechanism.scenario, subject.engine, chosen, wanted)
         if not runs:  # the first run alone is asked for forces
             request = replace(request, ask=question.ask, answers=question.answers)
-        runs.append(run_apart(request, mechanism, left, worker))
+        runs.append(run_apart(request, mechanism, limit, worker))
         return runs[-1]
 
     adaptive = choice.integrator in offered.adaptive
@@ -241,8 +241,7 @@ def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: s
         raise ChoiceError(f"--integrator {integrator}: MJCF has {', '.join(INTEGRATORS)}")
     if stabilization not in (None, "none"):
         raise ChoiceError(f"--stabilization {stabilization}: MuJoCo has none but the solref of its closures")
-    if not (np.isfinite(step) and step > 0):
-        raise ChoiceError(f"the step must be a positive number of seconds, not {step}")
+    check_positive("the step", step)
     choice = Choice(setting_text(file.path, {}), integrator, "none", step)
     return Subject(ENGINE, "mujoco", f"as {file.path.name} has them", choice, offer(ENGINE), file)
 
@@ -252,14 +251,14 @@ def compare_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refe
     # a reference without certificate has equally spaced samples, at times that need not be those of the run, and is interpolated;
     # error bars are not used here
     if not reference.certified:
-        q, v = truths.between(reference, trajectory.t)
+        q, v = truths.interpolate(reference, trajectory.t)
         reference = Reference.with_one_bar(replace(trajectory, q=q, v=v), reference.method)
     largest = state_errors(mechanism, trajectory, reference).largest  # kind -> largest error [m], [rad]
-    return [
-        f"{'as good as' if largest[kind] <= limit else 'not as good as'} the required {kind} error of {limit:g} {UNITS[kind]}: "
-        f"{largest[kind]:.1e} {UNITS[kind]}"
-        for kind, limit in required.items()
-    ]
+    sentences = []
+    for kind, limit in required.items():
+        verb, unit = "meets" if largest[kind] <= limit else "does not meet", UNITS[kind]
+        sentences.append(f"the run {verb} the required {kind} error of {limit:g} {unit}: its error is {largest[kind]:.1e} {unit}")
+    return sentences
 
 
 def find_reference(linkage: str, mechanism: Mechanism, until: float, deadline: float, told: Told) -> Reference:
@@ -272,8 +271,8 @@ def find_reference(linkage: str, mechanism: Mechanism, until: float, deadline: f
         return certified
     try:
         with Worker() as worker:
-            found = truths.truth(WayRun(linkage, mechanism, until), KNOWN, lambda: deadline - time.monotonic(), worker, told)
+            run = WayRun(linkage, mechanism, until)
+            truth = truths.compute_reference(run, KNOWN, lambda: deadline - time.monotonic(), worker, told)
     except truths.NoTruth as failure:
-        motion = f"{mechanism.name}, scenario {mechanism.scenario}"
-        raise ChoiceError(f"{motion}: there is no reference to compare with: {failure}") from failure
-    return Reference.with_one_bar(found.reference.samples, found.reference.method, found.bar)
+        raise ChoiceError(f"{mechanism.name}, scenario {mechanism.scenario}: no reference to compare with: {failure}") from failure
+    return Reference.with_one_bar(truth.reference.samples, truth.reference.method, truth.bar)

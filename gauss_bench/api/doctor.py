@@ -8,7 +8,6 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -87,19 +86,19 @@ def doctor(told: Told = nobody) -> Checkup:
 
 def _check_machine() -> Iterator[Finding]:
     """Yield findings on the interpreter, the processor, threads, the precision of long double, and packages."""
-    here = environment()
-    recent = sys.version_info >= OLDEST
-    needed = "" if recent else f"needs {OLDEST[0]}.{OLDEST[1]} or later"
-    yield Finding("Python", here["python"], "ok" if recent else "broken", needed)
-    yield Finding("platform", here["platform"])
-    yield Finding("processor", f"{here['cpu'] or 'unknown'}, {here['cores']} cores")
-    yield Finding("BLAS", here["blas"])
+    facts = environment()
+    is_recent = sys.version_info >= OLDEST
+    needed = "" if is_recent else f"needs {OLDEST[0]}.{OLDEST[1]} or later"
+    yield Finding("Python", facts["python"], "ok" if is_recent else "broken", needed)
+    yield Finding("platform", facts["platform"])
+    yield Finding("processor", f"{facts['cpu'] or 'unknown'}, {facts['cores']} cores")
+    yield Finding("BLAS", facts["blas"])
     threads = [f"{name}={os.environ[name]}" for name in THREADS if name in os.environ]
     yield Finding("threads", ", ".join(threads) or "the library's default", message="timed runs use one thread")
     bits = np.finfo(np.longdouble).nmant
-    long = "" if bits >= EXTENDED else "references that are not certified have the error bars of double precision"
-    yield Finding("long double", f"{bits + 1} bits", "ok" if bits >= EXTENDED else "missing", long)
-    yield Finding("packages", ", ".join(f"{name} {version}" for name, version in here["versions"].items()))
+    consequence = "" if bits >= EXTENDED else "references that are not certified have the error bars of double precision"
+    yield Finding("long double", f"{bits + 1} bits", "ok" if bits >= EXTENDED else "missing", consequence)
+    yield Finding("packages", ", ".join(f"{name} {version}" for name, version in facts["versions"].items()))
 
 
 def _check_linkages() -> Finding:
@@ -129,13 +128,14 @@ def _check_compiler() -> Finding:
     if path is None:
         without = f"{NO_COMPILER}; by_hand cannot run, and casadi runs in its own virtual machine, which is slower"
         return Finding("C compiler", "none", "missing", without)
-    return Finding("C compiler", str(Path(path)))
+    return Finding("C compiler", path)
 
 
 def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
     """Report whether the code that an engine compiles once per user is built, can be built later, or cannot be built."""
     for offer in (x for x in known if x.usable and "build_once" in x.methods):
-        name, choices = f"{offer.name}, compiled", [Choice(x.name, x.integrator, x.stabilization) for x in offer.variants.values()]
+        name = f"{offer.name}, compiled"
+        choices = [Choice(x.name, x.integrator, x.stabilization) for x in offer.variants.values()]
         try:
             if lacking := _find_lacking(offer, choices):
                 yield Finding(name, "none", "missing", lacking)
@@ -148,14 +148,14 @@ def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
 
 
 def _find_lacking(offer: Offer, choices: Iterable[Choice]) -> str:
-    """Return why an engine's code cannot be compiled on this machine: the name of a missing compiler or library, or "".
+    """Return why an engine's code cannot be compiled on this machine, such as a missing compiler; "" if no choice lacks anything.
 
-    Engines that run in a worker are not asked here.
+    Only adapters of this package (SAFE) are asked; for others the result is "", because they are imported in a worker alone.
     """
     if offer.name not in SAFE:
         return ""
-    skipped = (get(offer.name).skip(load(TRIED), choice) for choice in choices)
-    return next((x for x in skipped if x and ABSENT.search(x)), "")
+    refusals = (get(offer.name).skip(load(TRIED), choice) for choice in choices)
+    return next((x for x in refusals if x and ABSENT.search(x)), "")
 
 
 def _try_engine(offer: Offer, told: Told) -> Finding:

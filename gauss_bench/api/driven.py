@@ -25,9 +25,10 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 from gauss_bench.untrusted import read_bytes
 
-TURN = {"constant": {"speed": 2 * np.pi}}  # [rad/s] defaults of a law that is given by its name alone: one turn in a second
+# keys of a law that is given by its name alone: one turn in a second
+TURN = {"constant": {"speed": 2 * np.pi}}  # [rad/s]
+RISE = {"travel_deg": 360.0, "time": 1.0}  # [deg], [s] for all other laws
 UNDRIVEN = "drives nothing; name a driven scenario, or give a driver"
-RISE = {"travel_deg": 360.0, "time": 1.0}  # defaults of all other laws
 
 
 def driver_table(text: str) -> dict[str, Any]:
@@ -38,21 +39,21 @@ def driver_table(text: str) -> dict[str, Any]:
     Raises:
         ChoiceError: the text after "LAW:" is not of the form key=value,key=value, or has a key twice.
     """
-    law, _, rest = text.partition(":")
-    table: dict[str, Any] = {"law": law}
-    for part in filter(None, rest.split(",")):
-        key, equals, value = part.partition("=")
+    law, _, assignments = text.partition(":")
+    driver: dict[str, Any] = {"law": law}
+    for assignment in filter(None, assignments.split(",")):
+        key, equals, value = assignment.partition("=")
         key = key.strip()
         if not equals:
-            raise ChoiceError(f"driver {text!r}: {part!r} is not of the form key=value")
-        if key in table:
+            raise ChoiceError(f"driver {text!r}: {assignment!r} is not of the form key=value")
+        if key in driver:
             raise ChoiceError(f"driver {text!r}: {key} stands twice")
-        table[key] = _read_number(value.strip())
-    if law == "table" and "file" in table:
-        table["rows"] = _read_rows(Path(table.pop("file")))
-    if not rest and law != "table":
-        table = TURN.get(law, RISE) | table
-    return table
+        driver[key] = _read_number(value.strip())
+    if law == "table" and "file" in driver:
+        driver["rows"] = _read_rows(Path(driver.pop("file")))
+    if not assignments and law != "table":
+        driver = TURN.get(law, RISE) | driver
+    return driver
 
 
 def _read_number(value: str) -> float | str:
@@ -64,9 +65,9 @@ def _read_number(value: str) -> float | str:
 
 
 def _read_rows(path: Path) -> list[list[float]]:
-    """Return the rows [t, value] of a motion law from a text file: the numbers of each line that has any.
+    """Return the rows [t, value] of a motion law from a text file; empty lines and comments, which begin with #, give no row.
 
-    Commas or blanks separate numbers, and # starts a comment. The loader checks later that each row has two numbers.
+    Commas or blanks separate numbers. The loader checks later that each row has two numbers.
     """
     try:
         content = read_bytes(path, MAX_BYTES).decode("utf-8")
@@ -106,7 +107,7 @@ class Source:
 def load_with_drivers(
     linkage: str, scenario: str | None, driver: str | None, hold: Sequence[str] | None = None, with_forces: bool = False
 ) -> Mechanism:
-    """Return the mechanism of a driven scenario; a held link or slide gets a constant driver, and a held pin becomes a weld.
+    """Return the mechanism of a driven scenario, with some parts held: links and slides by constant drivers, pins by welds.
 
     Args:
         scenario: name of a scenario; None for the first driven one.
@@ -119,8 +120,8 @@ def load_with_drivers(
         ChoiceError: a name in `hold` cannot be held, or its value is not a number.
     """
     document, digest, path = document_of(linkage)
-    first = next((name for name, x in items(document, "scenarios") if "driver" in x or "drivers" in x), None)
-    source = Source(document, digest, path, scenario or first)
+    first_driven = next((name for name, x in items(document, "scenarios") if "driver" in x or "drivers" in x), None)
+    source = Source(document, digest, path, scenario or first_driven)
     if held := _read_holds(source, hold):
         return _load_held(source, driver, held, with_forces)
     own = source.load()  # reports faults of the file first, by the names in the file
@@ -128,10 +129,10 @@ def load_with_drivers(
         if not own.drivers:
             raise source.refuse(own.scenario, _explain_undriven(own))
         return own
-    table, chosen = _place_driver(document, own, driver), document["scenarios"][own.scenario]
+    new_driver, chosen = _complete_driver(document, own, driver), document["scenarios"][own.scenario]
     acting = {"forces": chosen.get("forces", [])} if with_forces else {}
-    moved = merge(document, chosen.get("override", {}))
-    return source.load_changed(moved, {"duration": float(table.get("time", 1.0)), "driver": table} | acting)
+    changed = merge(document, chosen.get("override", {}))
+    return source.load_changed(changed, {"duration": float(new_driver.get("time", 1.0)), "driver": new_driver} | acting)
 
 
 def _explain_undriven(mechanism: Mechanism) -> str:
@@ -140,29 +141,29 @@ def _explain_undriven(mechanism: Mechanism) -> str:
         return UNDRIVEN
     names = ", ".join(x.name for x in mechanism.knife_edges)
     return (
-        f"the knife edge {names} holds a direction of motion and no position: the start and the forces decide where the linkage "
-        f"goes, and no law does; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
+        f"the knife edge {names} restricts a direction of motion and no position: the motion follows from the start and the "
+        f"forces, and not from a law; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
     )
 
 
-def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict[str, Any]:
-    """Return the driver table of a driver given as text; by default it drives the crank, from its place at the start."""
-    table = driver_table(driver)
-    if not {"link", "joint", "between"} & table.keys():
+def _complete_driver(document: dict[str, Any], own: Mechanism, text: str) -> dict[str, Any]:
+    """Return the driver table of a driver given as text, with defaults: it drives the crank, from its angle at the start."""
+    driver = driver_table(text)
+    if not {"link", "joint", "between"} & driver.keys():
         if "crank" not in document:
             raise ChoiceError(
                 "--driver: the linkage has no crank; say what is driven: link=NAME, joint=NAME or between=POINT+POINT"
             )
-        table["link"] = document["crank"]
-    if table["law"] != "table" and not {"start", "start_deg"} & table.keys():
-        start = place_of(own, table)
+        driver["link"] = document["crank"]
+    if driver["law"] != "table" and not {"start", "start_deg"} & driver.keys():
+        start = start_value(own, driver)
         if start is not None:
-            table["start"] = start
-    return table
+            driver["start"] = start
+    return driver
 
 
 def _read_holds(source: Source, hold: Sequence[str] | None) -> dict[str, float | None]:
-    """Return name of a link or joint -> value at which it is held [degrees or m], or None for its value at the start.
+    """Return name of a held link or joint -> value at which it is held [degrees or m], or None for its value at the start.
 
     `hold` lists texts "NAME" or "NAME=VALUE"; None takes the names in the scenario's own list `hold`.
     """
@@ -179,7 +180,7 @@ def _read_holds(source: Source, hold: Sequence[str] | None) -> dict[str, float |
 
 
 def _load_held(source: Source, driver: str | None, held: dict[str, float | None], with_forces: bool) -> Mechanism:
-    """Return the driven mechanism in which some coordinates do not move.
+    """Return the mechanism of a driven scenario in which the links, slides and pins in `held` do not move.
 
     Args:
         held: name of a link, slide or pin -> the value at which it is held [deg], [m], or None for its value at the start.
@@ -192,108 +193,108 @@ def _load_held(source: Source, driver: str | None, held: dict[str, float | None]
         except LinkageError:
             raise error from None
     chosen = source.document["scenarios"][own.scenario]
-    moved = expand_cylinders(merge(source.document, chosen.get("override", {})))
-    tables = [*drivers_of(chosen)] if driver is None else [_place_driver(source.document, own, driver)]
-    if not tables:
+    document = expand_cylinders(merge(source.document, chosen.get("override", {})))
+    drivers = [*drivers_of(chosen)] if driver is None else [_complete_driver(source.document, own, driver)]
+    if not drivers:
         raise source.refuse(own.scenario, UNDRIVEN)
     # the start of a new scenario sets the held coordinates, and constant drivers keep them there
     start: dict[str, Any] = {"angles": {}, "slides": {}}
     for name, value in held.items():
-        _hold_body(moved, own, name, value, start)
-    duration = chosen["duration"] if driver is None else float(tables[0].get("time", 1.0))
-    scenario: dict[str, Any] = {"duration": duration, "drivers": tables, "start": start}
+        _hold_part(document, own, name, value, start)
+    duration = chosen["duration"] if driver is None else float(drivers[0].get("time", 1.0))
+    scenario: dict[str, Any] = {"duration": duration, "drivers": drivers, "start": start}
     for key in ("expect", "measure"):  # held parts change the counts that the file expects, and may remove what it measures
-        moved.pop(key, None)
-    defined, joints = moved.pop("forces", {}), moved.get("joints", {})
+        document.pop(key, None)
+    forces, joints = document.pop("forces", {}), document.get("joints", {})
     if with_forces:  # a pin that became a weld does not turn, so its damping and friction exert nothing and are left out
-        scenario["forces"] = [x for x in chosen.get("forces", []) if defined[x].get("joint") in (None, *joints)]
-        moved["forces"] = {x: defined[x] for x in scenario["forces"]}
-    mechanism = source.load_changed(moved | {"format": SECOND}, scenario)
-    drivers = (*mechanism.drivers, *_list_still(mechanism, mechanism, start))
+        scenario["forces"] = [x for x in chosen.get("forces", []) if forces[x].get("joint") in (None, *joints)]
+        document["forces"] = {x: forces[x] for x in scenario["forces"]}
+    mechanism = source.load_changed(document | {"format": SECOND}, scenario)
+    all_drivers = (*mechanism.drivers, *_make_constant_drivers(mechanism, mechanism, start))
     apart = mechanism.apart  # the same mechanism with every link of the file apart, in which forces of welds are found
     if apart:
-        apart = replace(apart, drivers=(*apart.drivers, *_list_still(mechanism, apart, start)))
-    return replace(mechanism, drivers=drivers, apart=apart, scenario=own.scenario, scenarios=own.scenarios)
+        apart = replace(apart, drivers=(*apart.drivers, *_make_constant_drivers(mechanism, apart, start)))
+    return replace(mechanism, drivers=all_drivers, apart=apart, scenario=own.scenario, scenarios=own.scenarios)
 
 
-def _list_still(mechanism: Mechanism, bodies: Mechanism, start: dict[str, Any]) -> list[AngleDriver | SlideDriver]:
-    """Return drivers that hold the angles and slides in `start` constant; the drivers act on the links of `bodies`.
+def _make_constant_drivers(mechanism: Mechanism, bodies: Mechanism, start: dict[str, Any]) -> list[AngleDriver | SlideDriver]:
+    """Return a driver for each angle and slide in `start`, which holds it at its value at the start of `mechanism`.
 
     Args:
+        bodies: the mechanism on whose bodies the drivers act: `mechanism` itself, or the same with every link apart.
         start: {"angles": name -> value, "slides": name -> value}.
     """
-    still: list[AngleDriver | SlideDriver] = []
+    drivers: list[AngleDriver | SlideDriver] = []
     for name in start["angles"]:
-        body, turn = bodies.find_body(name)  # a welded link has a constant angle `turn` in its body
-        still.append(AngleDriver(name, constant(_start_angle(mechanism, name) - turn, 0.0), body))
+        body, turn = bodies.find_body(name)  # a welded link has a constant angle `turn` [rad] in its body
+        drivers.append(AngleDriver(name, constant(_start_angle(mechanism, name) - turn, 0.0), body))
     for name, slide in mechanism.drivable.items():
         if name in start["slides"]:
-            place = constant(float(value_of(slide.motion, mechanism.q0)), 0.0)
-            still.append(SlideDriver(name, place, bodies.drivable[name]))
-    return still
+            law = constant(float(value_of(slide.motion, mechanism.q0)), 0.0)
+            drivers.append(SlideDriver(name, law, bodies.drivable[name]))
+    return drivers
 
 
-def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | None, start: dict[str, Any]) -> None:
+def _hold_part(document: dict[str, Any], own: Mechanism, name: str, value: float | None, start: dict[str, Any]) -> None:
     """Hold a link by its angle, a slide by its coordinate, or a pin by welding its two links.
 
     Args:
-        moved: the document that is changed: a held pin becomes a weld in it.
+        document: the linkage document, which is changed: a held pin becomes a weld in it.
         own: the mechanism as its file has it.
         value: angle [deg] of the link or pin, or position [m] of the slide; None holds its value at the start of `own`.
-        start: the table `start` of `moved`, to which a held angle or slide is added; `_list_still` makes it a constant driver.
+        start: a scenario's table `start`, to which a held angle [rad] or slide [m] is added; `_make_constant_drivers` keeps it.
     """
-    joints = moved.get("joints", {})
+    joints = document.get("joints", {})
     slide = own.drivable.get(name)
-    if name in moved["links"]:
+    if name in document["links"]:
         start["angles"][name] = _start_angle(own, name) if value is None else float(np.radians(value))
     elif name not in joints:
-        raise ChoiceError(f"hold {name!r}: no such link or joint; there are {', '.join([*moved['links'], *joints])}")
+        raise ChoiceError(f"hold {name!r}: no such link or joint; there are {', '.join([*document['links'], *joints])}")
     elif slide is not None:
         start["slides"][name] = float(value_of(slide.motion, own.q0)) if value is None else value
     elif len(joints[name]["at"]) > 2:
         raise ChoiceError(f"hold {name!r}: the pin joins {len(joints[name]['at'])} links; hold links by their names")
     else:
-        _hold_pin(moved, own, name, value, start)
+        _hold_pin(document, own, name, value, start)
 
 
-def _hold_pin(moved: dict[str, Any], own: Mechanism, name: str, value: float | None, start: dict[str, Any]) -> None:
+def _hold_pin(document: dict[str, Any], own: Mechanism, name: str, value: float | None, start: dict[str, Any]) -> None:
     """Hold a pin of two links by replacing the pin with a weld; if one link is the ground, hold the angle of the other link.
 
-    Args:
-        value: held angle [deg] of the second link relative to the first; None holds the angle of the start.
+    The arguments are those of `_hold_part`; `value` is the angle [deg] of the second link relative to the first.
     """
-    near, far = moved["joints"][name]["at"]  # both as "link.point"
-    near_link, far_link = (x.partition(".")[0] for x in (near, far))
-    # the ground cannot be welded: the other link's angle is held, which is that of the pin, negative if the ground is the far link
-    if near_link == "ground":
-        return _hold_body(moved, own, far_link, value, start)
-    if far_link == "ground":
-        return _hold_body(moved, own, near_link, None if value is None else -value, start)
-    angle = _start_angle(own, far_link) - _start_angle(own, near_link) if value is None else float(np.radians(value))
-    moved["joints"] = {key: x for key, x in moved["joints"].items() if key != name}
-    sketch = dict(moved.get("assembly", {}).get("sketch", {}))
+    first, second = document["joints"][name]["at"]  # both as "link.point"
+    first_link, second_link = (x.partition(".")[0] for x in (first, second))
+    # the ground cannot be welded: the other link's angle is held, which is that of the pin, negative if the ground comes second
+    if first_link == "ground":
+        return _hold_part(document, own, second_link, value, start)
+    if second_link == "ground":
+        return _hold_part(document, own, first_link, None if value is None else -value, start)
+    angle = _start_angle(own, second_link) - _start_angle(own, first_link) if value is None else float(np.radians(value))
+    document["joints"] = {key: x for key, x in document["joints"].items() if key != name}
+    sketch = dict(document.get("assembly", {}).get("sketch", {}))
     if name in sketch:  # the sketch gave the position of this joint, which no longer exists: the point takes its place
-        sketch[near] = sketch.pop(name)
-        moved["assembly"] = moved["assembly"] | {"sketch": sketch}
-    weld = {"link": far_link, "to": near_link, "points": [[near, far]], "angle": angle}
-    moved["welds"] = moved.get("welds", {}) | {f"{name}_held": weld}
+        sketch[first] = sketch.pop(name)
+        document["assembly"] = document["assembly"] | {"sketch": sketch}
+    weld = {"link": second_link, "to": first_link, "points": [[first, second]], "angle": angle}
+    document["welds"] = document.get("welds", {}) | {f"{name}_held": weld}
 
 
 def _start_angle(mechanism: Mechanism, name: str) -> float:
     """Return the angle [rad] that a link of the file has at the start; the link may be welded into a larger body."""
-    body, turn = mechanism.find_body(name)
+    body, turn = mechanism.find_body(name)  # turn: angle of the link in the frame of its body [rad]
     return float(angle_at(mechanism.q0, body) + turn)
 
 
-def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
-    """Return the start value [rad, m] of the coordinate that a driver table names, or None if there is no such coordinate.
+def start_value(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
+    """Return the start value [rad, m] of the coordinate that a driver table names; None for unknown names and for lengths.
 
-    The value at time 0 of the scenario's own driver of this coordinate takes precedence over the assembled position.
+    If the scenario's own driver moves this coordinate, the value is that of its law at time 0, else that of the assembled position.
     """
     link, joint, between = table.get("link"), table.get("joint"), table.get("between", ())
-    named = {"link": link, "joint": joint, "between": "-".join(between)}
+    names = {"link": link, "joint": joint, "between": "-".join(between)}
     for driver in mechanism.drivers:
-        if driver.name == named[driver.by]:
+        if driver.name == names[driver.by]:
             return float(driver.law(0.0)[0])
     if link in [x.name for x in mechanism.whole.links]:
         return _start_angle(mechanism, str(link))
@@ -302,7 +303,10 @@ def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
 
 
 def free_at_start(mechanism: Mechanism) -> list[str]:
-    """Return the names of angles and slides that, if all are held, fix the freedom that joints and drivers leave at the start."""
+    """Return names of coordinates that joints and drivers leave free at the start, such as "angle of rocker" or "slide piston".
+
+    They are as many as the degrees of freedom that are left: if all of them are held, nothing moves freely.
+    """
     if mechanism.dof <= len(mechanism.drivers):
         return []
     rows = Constraints(replace(mechanism, knife_edges=()))(0.0, mechanism.q0, mechanism.v0)
@@ -314,8 +318,8 @@ def move_by_drivers(
 ) -> tuple[Trajectory, Array | None, str]:
     """Move a linkage by its drivers over times (k,) [s], up to the first position that cannot be reached.
 
-    Return the states, the solver's iterations at each time (None if the method does not count them), and why the motion stops
-    before the last time, or "".
+    Return the states, the solver's iterations at each time (None if the method does not count them), and the reason why the motion
+    stops before the last time ("" if it does not).
 
     Raises:
         ChoiceError: the method does not cover the linkage, or the drivers do not fit its degrees of freedom.

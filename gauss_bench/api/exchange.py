@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from dataclasses import replace as replace_fields
 from pathlib import Path
 
-import numpy as np
-
 from gauss_bench.advice.answer import LOOPS, format_errors, format_limits
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import SEARCHED, Recommender
@@ -14,7 +12,7 @@ from gauss_bench.advice.truth import NoTruth, shorten
 from gauss_bench.api.files import writable
 from gauss_bench.api.in_worker import answer_in_worker
 from gauss_bench.api.program_error import LIMIT, ProgramError, measure_program
-from gauss_bench.api.recommend import list_requirements, setting_of, variants
+from gauss_bench.api.recommend import list_requirements, list_variants, setting_of
 from gauss_bench.api.telling import Result, Told, nobody
 from gauss_bench.atomic import write_text
 from gauss_bench.bench.ways import Run
@@ -75,12 +73,12 @@ class Tuning(Result):
     def sentences(self) -> tuple[str, ...]:
         """Sentences for the head of the exported file."""
         how = f"settings {self.settings}, {self.integrator}, step {self.step:g} s"
-        held = "both errors are at most half of that" if self.met else "NOT HELD by any step that was tried"
+        outcome = "both errors are at most half of that" if self.met else "NOT HELD by any step that was tried"
         return (
             f"Measured over {self.until:g} s with {how}:",
             f"joints open by {self.loops_open:.1e} (m, rad) at most, links off by {self.motion_error:.1e} (m, rad) at most.",
             f"Errors are against a motion that is {self.truth}, and known to {self.known:.1e}.",
-            f"Aimed at: joints {self.loops_wanted:g}, links {self.motion_wanted:g}: {held}.",
+            f"Aimed at: joints {self.loops_wanted:g}, links {self.motion_wanted:g}: {outcome}.",
         )
 
 
@@ -188,21 +186,21 @@ def export(
     """
     kind = find_kind(engine)
     _check_step(engine, kind, step, tuned)
-    wanted = required(engine, kind, step is not None or tuned, position=position, angle=angle, force=force)
+    wanted = read_requirements(engine, kind, step is not None or tuned, position=position, angle=angle, force=force)
     path = writable(out, replace, suffix=kind.suffix, source=linkage)
     seconds = check_budget(budget, BUDGET)
     mechanism = load(linkage, scenario)
-    usual = kind.choose(step or STEP)
-    check_size(usual.step, mechanism.duration)
+    default = kind.choose(step or STEP)
+    check_size(default.step, mechanism.duration)
     order = Order(linkage, mechanism, engine, kind)
-    answer = Export(engine, mechanism.name, mechanism.scenario, str(path), kind.what, 0, usual.step, (), None)
-    told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
-    file = order.write(usual)  # raises ExchangeError, before any search, if the format cannot express the linkage
-    tuning, choice, warning = None, usual, ""
+    answer = Export(engine, mechanism.name, mechanism.scenario, str(path), kind.what, 0, default.step, (), None)
+    told(f"{mechanism.name}, scenario {mechanism.scenario}: writing the model")
+    file = order.write(default)  # raises ExchangeError, before any search, if the format cannot express the linkage
+    tuning, choice, warning = None, default, ""
     remarks: tuple[str, ...] = ()
     try:
         if tuned:
-            tuning = tune(order, seconds, told)
+            tuning = find_step(order, seconds, told)
             choice, remarks = kind.choose(tuning.step), tuning.sentences
         elif wanted:
             choice, remarks = find_setting(order, wanted, seconds, told)
@@ -213,11 +211,11 @@ def export(
         interpreter = None if kind.writer else interpreter_of(kind.engine)
         # a program that cannot run by itself is measured by the suite's own run with the same engine and setting
         runs_itself = engine == "c" or interpreter is not None
-        if runs_itself and choice != usual:
+        if runs_itself and choice != default:
             file = order.write(choice)
         source = file.text if runs_itself else ""
         error = measure_program(linkage, mechanism, kind.engine, choice, source, max(seconds, LIMIT), told, interpreter)
-        refused = name_missed(error, wanted) or ("" if error.is_valid or anyway else error.refusal)
+        refused = describe_miss(error, wanted) or ("" if error.is_valid or anyway else error.refusal)
         answer = replace_fields(answer, error=error, refused=refused)
         if refused:
             return answer
@@ -230,7 +228,7 @@ def export(
 
 def _check_step(engine: str, kind: Kind, step: float | None, tuned: bool) -> None:
     """Check the arguments that determine the time step [s] of an exported file."""
-    if step is not None and not (np.isfinite(step) and step > 0):
+    if step is not None and not 0.0 < step < float("inf"):
         raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
     if step is not None and tuned:
         raise ChoiceError("either a step, or tuned, which finds one")
@@ -285,15 +283,17 @@ def find_kind(name: str) -> Kind:
     if (is_class(name) or name in all_names()) and writes_programs(name):
         offered = offer(name)
         fixed_step = [x for x in offered.integrators if x not in offered.adaptive]
-        usual = offered.choose(None, fixed_step[0] if fixed_step else None, None, STEP)
+        choice = offered.choose(None, fixed_step[0] if fixed_step else None, None, STEP)
         tolerance = None if fixed_step else TOLERANCE  # an integrator that chooses its own steps needs a tolerance instead
-        return Kind("", name, usual.settings, usual.integrator, usual.stabilization, "a Python program", ".py", tolerance)
+        return Kind("", name, choice.settings, choice.integrator, choice.stabilization, "a Python program", ".py", tolerance)
     writers = [x.name for x in offers_from_outside() if "program" in x.methods]
     raise ChoiceError(f"no export for {name!r}; there are {', '.join([*KINDS, *writers])}, and engines with a method `program`")
 
 
-def required(engine: str, kind: Kind, has_step: bool, **limits: float | None) -> dict[str, float]:
-    """Return the requirements that the user gave: quantity (position, angle or force) -> largest allowed error [m], [rad], [N].
+def read_requirements(engine: str, kind: Kind, has_step: bool, **limits: float | None) -> dict[str, float]:
+    """Return the requirements that the user gave: kind of error (position, angle, force) -> largest allowed error [m], [rad], [N].
+
+    Without requirements the result is empty. `has_step` tells whether --step or --tuned determines the step.
 
     Raises:
         ChoiceError: a file of this kind cannot express the settings that a search may find, or another argument fixes the step.
@@ -315,7 +315,7 @@ class NotReached(ArithmeticError):
 
 
 def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told: Told) -> tuple[Choice, tuple[str, ...]]:
-    """Return the engine's cheapest setting that is accurate enough over the scenario's duration, and a remark for the file.
+    """Return the engine's cheapest setting that is accurate enough over the scenario's duration, and remarks for the file's head.
 
     `wanted` is kind of error -> largest allowed error [m], [rad], [N]; `budget` is the time for the search [s].
 
@@ -324,7 +324,7 @@ def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told:
     """
     engine, end = order.kind.engine, order.mechanism.duration
     # a program in C has only the integrators that are written in C
-    tried = [x for x in variants(offer(engine)) if order.name != "c" or x.integrator in INTEGRATORS]
+    tried = [x for x in list_variants(offer(engine)) if order.name != "c" or x.integrator in INTEGRATORS]
     limit = format_limits(wanted)
     try:
         with Recommender(Run(order.linkage, order.mechanism, end), wanted, {engine: tried}, Budget(budget), told) as recommender:
@@ -338,12 +338,12 @@ def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told:
     return answer.choose(end), (f"Found for at most {limit}: {setting_of(answer)} came to {reached} in the search.",)
 
 
-def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
+def describe_miss(error: ProgramError, wanted: Mapping[str, float]) -> str:
     """Return a sentence on the first requirement that a program misses although its setting met it in the search, or ""."""
-    for name, limit in wanted.items():
-        found = {"position": error.position, "angle": error.angle}.get(name)
-        if found is not None and not found <= limit:
-            return f"the program is off by {found:.1e} {UNITS[name]} on {error.measured_on}, more than {limit:g} {UNITS[name]}"
+    for kind, limit in wanted.items():
+        measured = {"position": error.position, "angle": error.angle}.get(kind)
+        if measured is not None and not measured <= limit:
+            return f"the program is off by {measured:.1e} {UNITS[kind]} on {error.measured_on}, more than {limit:g} {UNITS[kind]}"
     return ""
 
 
@@ -378,7 +378,7 @@ def import_model(
         OSError: the file cannot be written.
     """
     path = writable(out, replace, suffix=".toml", source=model)
-    told(f"{model}")
+    told(f"{model}: reading the model")
     with Worker() as worker:
         linkage = answer_in_worker(worker, import_file, (Path(model), path.stem, list(close)), READING, str(model))
     write_text(path, linkage["text"])
@@ -386,7 +386,7 @@ def import_model(
     return Import(str(model), linkage["kind"], str(path), path.stem, linkage["links"], linkage["dof"], left_out, note)
 
 
-def tune(order: Order, budget: float, told: Told) -> Tuning:
+def find_step(order: Order, budget: float, told: Told) -> Tuning:
     """Find the largest step with which loops open by at most OPEN / 2 and the motion is off by at most MOTION / 2.
 
     If no step is accurate enough, the result has the step with the smallest errors. The motion may be chaotic, so that no reference
@@ -417,5 +417,5 @@ def tune(order: Order, budget: float, told: Told) -> Tuning:
                 raise ExchangeError(f"{named}: no step of {kind.engine} came to an end within {budget:g} s: {answer.message}")
             motion = max(answer.errors["position"], answer.errors["angle"])
             step, gap = until / answer.steps, answer.errors[LOOPS]
-            return Tuning(kind.settings, kind.integrator, step, until, gap, motion, truth.told, truth.bar, OPEN, MOTION)
+            return Tuning(kind.settings, kind.integrator, step, until, gap, motion, truth.description, truth.bar, OPEN, MOTION)
     raise ExchangeError(f"{named}: no step can be judged over {until:g} s, give one: {unknown}") from unknown

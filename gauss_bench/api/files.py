@@ -9,11 +9,12 @@ from tempfile import TemporaryFile
 from gauss_bench.untrusted import BadInput, read_start
 
 LOOKED_AT = 65_536  # bytes at the start of a file from which its kind is recognised
-STARTS = {".png": rb"\x89PNG", ".gif": rb"GIF8", ".npz": rb"PK\x03\x04"}
-ROOTS = {b"svg": ".svg", b"html": ".html", b"mujoco": ".xml"}  # root elements; SVG and HTML may have a doctype before
+STARTS = {".png": rb"\x89PNG", ".gif": rb"GIF8", ".npz": rb"PK\x03\x04"}  # ending -> first bytes
+ROOTS = {b"svg": ".svg", b"html": ".html", b"mujoco": ".xml"}  # root element -> ending
+# the root element of an SVG, HTML or MJCF file, after declarations, comments and a doctype
 ROOT = re.compile(rb"\s*<(?:[?!].*?<)*?!?(?:doctype\s+)?(svg|html|mujoco)\b", re.DOTALL | re.IGNORECASE)
-TABLE = re.compile(rb"^[ \t]*\[\[?[\w.\"' -]+\]\]?[ \t]*(?:#.*)?\r?$", re.MULTILINE)
-NUMBERS = re.compile(rb"[^\n]+,[^\n]+\n[-+.,\d][-+.,\denaif]*\r?\n")  # a header line and a row of numbers
+TABLE = re.compile(rb"^[ \t]*\[\[?[\w.\"' -]+\]\]?[ \t]*(?:#.*)?\r?$", re.MULTILINE)  # the head of a table in TOML
+NUMBERS = re.compile(rb"[^\n]+,[^\n]+\n[-+.,\d][-+.,\denaif]*\r?\n")  # the header line and the first row of a CSV file
 
 
 class FileRefused(BadInput, ValueError):
@@ -82,14 +83,17 @@ def usable_folder(out: Path, usual: Path | None = None) -> Path:
 
 
 def _check_writable(folder: Path, named: str) -> None:
-    """Refuse a folder into which no file can be written now, rather than after a long computation; `named` begins the message."""
-    try:  # permissions alone do not tell: to root, folders of /proc and of read-only disks look writable
+    """Raise FileRefused if no file can be written into a folder; `named` begins the message.
+
+    The check is made before a long computation, whose result would be lost.
+    """
+    try:  # permissions do not suffice: for root, folders of /proc and of read-only disks look writable
         TemporaryFile(dir=folder).close()
     except OSError as error:
         raise FileRefused(f"{named}: nothing may be written into the folder {folder}") from error
 
 
-def describe_files(
+def check_files(
     asked: Mapping[str, Path], kinds: Mapping[str, tuple[str, ...]], replace: bool, source: str | Path = ""
 ) -> dict[str, Path]:
     """Check the paths of all files that a subcommand will write, and return option -> path.

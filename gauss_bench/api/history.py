@@ -21,7 +21,7 @@ from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Group, History, Trajectory
 
-LEVELS = ("", "/s", "/s^2")  # units of a position, a velocity and an acceleration, after "rad" or "m"
+PER_TIME = ("", "/s", "/s^2")  # ends of the units of a position, a velocity and an acceleration, after "rad" or "m"
 DIGITS = 10  # significant digits of a number in a CSV file
 
 
@@ -41,14 +41,14 @@ def history(result: Simulation) -> History:
 def curves(mechanism: Mechanism, x: Trajectory, trusted: int) -> Iterator[Curve]:
     """Yield every curve of a trajectory, in the order of the groups in this module's docstring.
 
-    The work done is integrated over the first `trusted` samples, to which the judge does not object.
+    The balance of energy is integrated over the first `trusted` samples, to which the judge does not object.
     """
     # whole: the linkage with every link of the file, also those that are welded together; links: the motion of these links
     whole, links = mechanism.whole, motion_of_links(mechanism, x)
     # angles are drawn for observed links, and for all links if the file lists neither observed links nor observed points
-    turning = whole.observed_links or (() if whole.observed_points else range(len(whole.links)))
-    yield from angular_curves(whole, links, turning)
-    yield from observe(whole, links)
+    indices = whole.observed_links or (() if whole.observed_points else range(len(whole.links)))
+    yield from angular_curves(whole, links, indices)
+    yield from point_curves(whole, links)
     evaluator = Evaluator(mechanism)
     yield from energies(evaluator, x, trusted)
     yield from forces(evaluator, x)
@@ -58,20 +58,23 @@ def curves(mechanism: Mechanism, x: Trajectory, trusted: int) -> Iterator[Curve]
 def angular_curves(whole: Mechanism, links: Trajectory, indices: Iterable[int]) -> Iterator[Curve]:
     """Yield the angle, angular velocity and angular acceleration of each link whose index is in `indices`."""
     for i in indices:
-        for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, (links.q, links.v, links.a), strict=True):
+        for key, unit, level in zip(("theta", "omega", "alpha"), PER_TIME, (links.q, links.v, links.a), strict=True):
             yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", angle_at(level, i))
 
 
-def observe(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
+def point_curves(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
     """Yield the x and y coordinates of the position, velocity and acceleration of each observed point."""
     for point in whole.observed_points:
-        for letter, unit, level in zip(("", "v", "a"), LEVELS, point_levels(point, links), strict=True):
+        for letter, unit, level in zip(("", "v", "a"), PER_TIME, point_levels(point, links), strict=True):
             for j, axis in enumerate("xy"):
                 yield Curve(Group.POINT, point.name, letter + axis, f"m{unit}", level[:, j])
 
 
 def energies(evaluator: Evaluator, x: Trajectory, trusted: int) -> Iterator[Curve]:
-    """Yield kinetic energy, potential energy, and the energy gained beyond the work done [J] (NaN after `trusted` samples)."""
+    """Yield kinetic energy, potential energy, and the energy gained beyond the work of drivers and forces [J].
+
+    The energy gained is the error of the energy balance; it is NaN after the first `trusted` samples.
+    """
     potential, gained = evaluator.applied.potential(x.q), np.full(len(x.t), np.nan)
     if trusted:
         gained[:trusted] = metrics.energy_error(evaluator, x[:trusted])[0]
@@ -81,7 +84,7 @@ def energies(evaluator: Evaluator, x: Trajectory, trusted: int) -> Iterator[Curv
 
 
 def forces(evaluator: Evaluator, x: Trajectory) -> Iterator[Curve]:
-    """Yield joint and weld forces, then the forces and torques of drivers, then constant torques."""
+    """Yield joint and weld forces, then the forces and torques of drivers, then the constant torques of motors [N, N m]."""
     yield from metrics.load_curves(evaluator, x)
     for torque in evaluator.mechanism.torques:
         yield Curve(Group.MOTOR, torque.name, "torque", "N m", np.full(len(x.t), float(torque.value)))
@@ -94,15 +97,16 @@ def transmission(mechanism: Mechanism, q: Array) -> Iterator[Curve]:
     into 0 to 90 degrees. A slide between two pinned links has no transmission angle.
     Source: Alt, Der Uebertragungswinkel und seine Bedeutung fuer das Konstruieren periodischer Getriebe (1932).
     """
-    given = mechanism.turned_links
-    if not given and mechanism.crank is not None:
-        given = {mechanism.crank}
-    at = Links.of(q, np.zeros_like(q))
-    for dyad in close_from(mechanism, given)[0] if given else ():
+    inputs = mechanism.turned_links
+    if not inputs and mechanism.crank is not None:
+        inputs = {mechanism.crank}
+    links = Links.of(q, np.zeros_like(q))
+    dyads = close_from(mechanism, inputs)[0] if inputs else []
+    for dyad in dyads:
         if not dyad.opening_is_length:
             names = "-".join(mechanism.link_name(k) for k in dyad.links)
-            # the opening of a dyad is the sine of the transmission angle
-            angle = np.degrees(np.arcsin(np.clip(np.abs(dyad.opening(at)), 0.0, 1.0)))
+            # the opening of a dyad is the sine of the transmission angle; rounding may bring it beyond 1
+            angle = np.degrees(np.arcsin(np.clip(np.abs(dyad.opening(links)), 0.0, 1.0)))
             yield Curve(Group.TRANSMISSION, names, "transmission", "deg", angle)
 
 

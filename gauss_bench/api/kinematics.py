@@ -11,7 +11,7 @@ import pandas as pd
 
 from gauss_bench import metrics
 from gauss_bench.api.driven import free_at_start, load_with_drivers, move_by_drivers
-from gauss_bench.api.simulate import LinkState, Observed, PointState, link_states, observe_names, point_states
+from gauss_bench.api.simulate import LinkState, Observed, PointState, link_states, list_observed, point_states
 from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.link_units import link_type
@@ -32,7 +32,7 @@ UNITS = {  # units of the states of links and points, for the heads of columns
     **{"vx": "m/s", "vy": "m/s", "omega": "rad/s"},
     **{"ax": "m/s^2", "ay": "m/s^2", "alpha": "rad/s^2"},
 }
-LONGEST_WAY = 2e4  # [rad, m] largest travel of a driver: solvers follow it in parts of a radian, some thousand parts in a second
+LONGEST_TRAVEL = 2e4  # [rad, m] largest travel of a driver: solvers divide it into parts of a radian, and need some seconds for all
 
 
 class DriverState(TypedDict):
@@ -54,7 +54,7 @@ class DriverState(TypedDict):
 
 
 class BranchChange(TypedDict):
-    """A change of the assembly branch.
+    """A change of the assembly branch: a group of links becomes its mirror image between two samples.
 
     Attributes:
         t: time of the first sample after the change [s].
@@ -143,7 +143,7 @@ class Kinematics(Result):
         return (self.message,) if self.message else ()
 
 
-def observe(mechanism: Mechanism, names: list[str] | None) -> tuple[Point, ...]:
+def find_points(mechanism: Mechanism, names: list[str] | None) -> tuple[Point, ...]:
     """Return the points with these names, "link.point" each, or the observed points of the file if `names` is None.
 
     Raises:
@@ -206,7 +206,7 @@ def kinematics(
         raise ChoiceError(f"intervals must be at least 1 and at most {MOST_INTERVALS}, not {intervals}")
     mechanism = load_with_drivers(linkage, scenario, driver, hold, with_forces=forces)
     _check_all_driven(mechanism)
-    shown = observe(mechanism, points)
+    shown = find_points(mechanism, points)
     times = np.linspace(0.0, mechanism.duration, intervals + 1)
     _check_travel(mechanism, times)
     told(f"{mechanism.name}, scenario {mechanism.scenario}: {intervals + 1} positions")
@@ -231,8 +231,8 @@ def kinematics(
         iterations=iterations,
         singular=describe_singular(mechanism),
         link_types=types | {"ground": link_type(graph.elements(GROUND), frame=True)},
-        branch_changes=_changes(mechanism, states),
-        observed=observe_names(mechanism, shown),
+        branch_changes=_find_branch_changes(mechanism, states),
+        observed=list_observed(mechanism, shown),
         model=mechanism,
         trajectory=links,
         shown=shown,
@@ -242,7 +242,7 @@ def kinematics(
 
 
 def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
-    """Return the curves of all loads along a motion.
+    """Return the curves of the forces and moments of joints, welds and drivers along a motion.
 
     Raises:
         ChoiceError: dry friction leaves the loads undetermined, or its iteration does not converge.
@@ -254,44 +254,51 @@ def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
 
 
 def describe_driver(driver: Driver, times: Array) -> DriverState:
-    """Return the motion of a driver at times (k,) [s], its value under the key of linkage files and under the older key "angle"."""
+    """Return the motion of a driver at times (k,) [s].
+
+    The driven value is given twice: under the key of linkage files (angle, position or length), and under the older key "angle".
+    """
     value, speed, acceleration = driver.law(times)
     state = DriverState(angle=value, speed=speed, acceleration=acceleration)
     return cast(DriverState, state | {driver.key: value})
 
 
 def _check_travel(mechanism: Mechanism, times: Array) -> None:
-    """Check that no driver travels further than LONGEST_WAY over the times (k,) [s]."""
+    """Check that no driver travels further than LONGEST_TRAVEL over the times (k,) [s].
+
+    Raises:
+        ChoiceError: a driver does, or its law gives a value that is not a number.
+    """
     for driver in mechanism.drivers:
         with np.errstate(all="ignore"):
             travel = float(np.abs(np.diff(driver.law(times)[0])).sum())
-        if not travel <= LONGEST_WAY:  # NaN is refused too
+        if not travel <= LONGEST_TRAVEL:  # NaN is refused too
             raise ChoiceError(
-                f"{mechanism.name}: driver {driver.name} goes {travel:.3g} (rad or m) in {mechanism.duration:g} s; {LONGEST_WAY:g} "
-                f"are the most that are followed: take a slower law, or a shorter duration in scenario {mechanism.scenario}"
+                f"{mechanism.name}: driver {driver.name} goes {travel:.3g} (rad or m) in {mechanism.duration:g} s; "
+                f"{LONGEST_TRAVEL:g} are the most: take a slower law, or a shorter duration in scenario {mechanism.scenario}"
             )
 
 
 def _check_all_driven(mechanism: Mechanism) -> None:
     """Check that the drivers leave no coordinate free; else raise a ChoiceError that says which ones to hold."""
-    if left := free_at_start(mechanism):
-        names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in left]  # of "angle of crank" or "slide piston"
-        more = "; ".join(f"`--hold {x}`" for x in names)
+    if free := free_at_start(mechanism):
+        # "crank" of "angle of crank", "piston" of "slide piston"
+        names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in free]
+        options = "; ".join(f"`--hold {x}`" for x in names)
         raise ChoiceError(
-            f"{mechanism.name}: the drivers leave {len(left)} free ({', '.join(left)}); hold it where it stands by {more}, by "
-            f"`hold = {names}` in scenario {mechanism.scenario}, or drive it".replace("'", '"')
+            f"{mechanism.name}: the drivers leave {len(free)} free ({', '.join(free)}): drive each, or hold it at its start "
+            f"by {options}, or by `hold = {names}` in scenario {mechanism.scenario}".replace("'", '"')
         )
 
 
-def _changes(mechanism: Mechanism, states: Trajectory) -> list[BranchChange]:
-    """Return where a motion changes its assembly branch: a group of links becomes its mirror image between two samples."""
-    branches = [branch_of(mechanism, q) for q in states.q]
-    return [
-        BranchChange(t=t, group=group, before=side, after=after[group])
-        for t, (before, after) in zip(states.t[1:].tolist(), pairwise(branches), strict=True)
-        for group, side in before.items()
-        if side != after[group]
-    ]
+def _find_branch_changes(mechanism: Mechanism, states: Trajectory) -> list[BranchChange]:
+    """Return all changes of the assembly branch during a motion, in the order of time."""
+    branches = [branch_of(mechanism, q) for q in states.q]  # at each sample: name of a group of links -> +1 or -1
+    changes: list[BranchChange] = []
+    for t, (before, after) in zip(states.t[1:].tolist(), pairwise(branches), strict=True):
+        changed = [group for group in before if before[group] != after[group]]
+        changes += [BranchChange(t=t, group=group, before=before[group], after=after[group]) for group in changed]
+    return changes
 
 
 def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
@@ -307,28 +314,31 @@ def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
     # value, rate and second rate of every driver; a constant law returns scalars
     laws = [[np.broadcast_to(x, np.shape(times)) for x in driver.law(times)] for driver in mechanism.drivers]
     sweep = closure.sweep(np.array(laws).reshape(len(laws), 3, len(times)).T)
-    loss = sweep.loss  # why and where the motion ended early
+    motion = Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
+    loss = sweep.loss  # where and why the motion ended early; None if it reached the last time
     if loss is None:
-        return Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
+        return motion
     kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
     where = describe_drivers(mechanism, loss.inputs)
     text = f"{mechanism.name} stops at {where} on the way to t = {times[loss.sample]:.6g} s: {loss.text}"
-    reached = Trajectory(times, sweep.q, sweep.v, sweep.a, 0)[: loss.sample]
-    raise kind(text, loss.inputs, float(times[loss.sample]), reached)
+    raise kind(text, loss.inputs, float(times[loss.sample]), motion[: loss.sample])
 
 
 METHODS: dict[str, Callable[..., Any]] = {"loop": loop_motion, "basic": basic_motion, "native": native_motion}
 
 
 def columns(result: Kinematics) -> Iterator[tuple[str, Array]]:
-    """Yield name and values (k,) of every column of the table of a motion: times, drivers, links, points and loads."""
+    """Yield name and values (k,) of every column of the table of a motion: times, drivers, links, points and loads.
+
+    A law that is constant may give a single value in place of (k,).
+    """
     yield "t [s]", result.t
     for driver in result.model.drivers:
         unit, state = driver.coordinate.unit, cast(Mapping[str, Array], result.drivers[driver.name])
         for key, per in ((driver.key, ""), ("speed", "/s"), ("acceleration", "/s^2")):
             yield f"{driver.name}.{key} [{unit}{per}]", state[key]
-    for group in (result.links, result.points):
-        for name, values in group.items():
+    for states in (result.links, result.points):
+        for name, values in states.items():
             for key, samples in cast(Mapping[str, Array], values).items():
                 yield f"{name}.{key} [{UNITS[key]}]", samples
     for curve in result.load_curves:

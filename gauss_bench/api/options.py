@@ -22,7 +22,10 @@ EXIT_CODES = (
 
 
 def read_verbs() -> dict[str, dict[str, Any]]:
-    """Return name of a subcommand -> its table in `verbs.toml`, with tables in place of the names of shared options."""
+    """Return name of a subcommand -> its table in `verbs.toml`.
+
+    If an option of a subcommand is only the name of a shared option, the table of the shared option replaces the name.
+    """
     verbs: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("verbs.toml").read_text(encoding="utf-8"))
     shared = verbs.pop("shared")
     for verb in verbs.values():
@@ -59,13 +62,13 @@ def add_options(parser: argparse.ArgumentParser, verb: Mapping[str, Any]) -> Non
     has_json = verb.get("json", True)
     alternatives = parser.add_mutually_exclusive_group() if has_json else parser
     for names, option in verb.get("options", {}).items():
-        given = {key: value for key, value in option.items() if key != "flag"}
-        if "type" in given:
-            given["type"] = TYPES[given["type"]]
+        arguments = {key: value for key, value in option.items() if key != "flag"}
+        if "type" in arguments:
+            arguments["type"] = TYPES[arguments["type"]]
         if "flag" in option:
-            given["action"] = "store_true"
+            arguments["action"] = "store_true"
         group = alternatives if names == verb.get("instead_of_json") else parser
-        group.add_argument(*names.split(", "), **given)
+        group.add_argument(*names.split(", "), **arguments)
     if has_json:
         alternatives.add_argument(
             "--json", action="store_true", help="print one JSON object; `gauss-bench list --schema VERB` prints its schema"
@@ -89,10 +92,10 @@ def numbers(text: str) -> list[float]:
 
 def steps(text: str) -> list[float]:
     """Return the numbers in a comma-separated text; each must be finite and positive."""
-    found = numbers(text)
-    if not all(math.isfinite(x) and x > 0 for x in found):
+    values = numbers(text)
+    if not all(math.isfinite(x) and x > 0 for x in values):
         raise argparse.ArgumentTypeError("steps must be positive numbers")
-    return found
+    return values
 
 
 TYPES: dict[str, Callable[[str], Any]] = {

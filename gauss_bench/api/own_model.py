@@ -19,7 +19,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.worker import Worker
 
 ENDINGS = (".xml", ".urdf", ".mjcf")
-ACTING = 60.0  # [s] time limit of the run that looks for contacts and joint limits
+ACTING = 60.0  # [s] time limit of the run that looks for contacts, joint limits and dry friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class OwnFile:
 
 
 def is_model_file(name: str | Path) -> bool:
-    """Tell whether a file name has the ending of a model file."""
+    """Tell whether a file name has the ending of an MJCF or URDF file."""
     return Path(name).suffix.lower() in ENDINGS
 
 
@@ -63,13 +63,14 @@ def read_own_file(name: str | Path, close: tuple[str, ...], worker: Worker) -> O
 
 
 def read_as_plain_data(file: str, close: list[str]) -> dict[str, Any]:
-    """Read a model file, and return the fields of `OwnFile` as plain data, with the content of a linkage file as "document".
+    """Read a model file in a worker process, and return the fields of `OwnFile` as plain data.
 
-    It runs in a worker process. The keyframe ("key") is 0 in a URDF file, which has none.
+    In place of the mechanism stands the content of its linkage file ("document"). The keyframe ("key") of a URDF file is 0.
     """
     path = Path(file)
-    name, kind = re.sub("[^A-Za-z0-9_]+", "_", path.stem), FORMS.get(str(read_xml(path).tag), "")
-    if kind != "MJCF" or close:  # an MJCF file with closures is refused by `import_file`
+    name = re.sub("[^A-Za-z0-9_]+", "_", path.stem)  # the linkage's name
+    kind = FORMS.get(str(read_xml(path).tag), "")
+    if kind != "MJCF" or close:  # `import_file` refuses an MJCF file with pairs to close
         imported = import_file(path, name, close)
         document, left_out = tomllib.loads(imported.text), imported.left_out
         return {"document": document, "kind": kind, "settings": {}, "key": 0, "left_out": left_out}
@@ -84,15 +85,15 @@ def refuse_what_acts(file: OwnFile, until: float, worker: Worker) -> None:
     Raises:
         ExchangeError: a contact, joint limit or dry friction acts; the message names the element, and the time when it first acts.
     """
-    found = answer_in_worker(worker, find_other_constraint, (str(file.path), file.key, until), ACTING, str(file.path))
-    if found["what"]:
+    first = answer_in_worker(worker, find_other_constraint, (str(file.path), file.key, until), ACTING, str(file.path))
+    if first["what"]:  # the first contact, limit or friction that acts, in words; "" if there is none
         raise ExchangeError(
-            f"{file.path}: {found['what']} at t = {found['at']:.4g} s, which no linkage has: its motion cannot be judged"
+            f"{file.path}: {first['what']} at t = {first['at']:.4g} s, which no linkage has: its motion cannot be judged"
         )
 
 
 def _write_numbers(numbers: Iterable[float]) -> str:
-    """Return numbers as an attribute of MJCF has them, with blanks between."""
+    """Return numbers as text with blanks between them, as in an attribute of MJCF."""
     return " ".join(f"{x:g}" for x in numbers)
 
 

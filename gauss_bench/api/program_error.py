@@ -12,10 +12,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from gauss_bench.advice.answer import format_setting
+from gauss_bench.advice.answer import format_errors, format_setting
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import KNOWN
-from gauss_bench.advice.truth import NoTruth, truth
+from gauss_bench.advice.truth import NoTruth, compute_reference
 from gauss_bench.api.simulate import Simulation, simulate
 from gauss_bench.api.telling import Result, Told, nobody
 from gauss_bench.bench.ways import Run
@@ -38,6 +38,7 @@ COMPILED_STEP = 2e-6  # [s] time of a compiled step of a linkage of usual size
 QUICK, PRECISE = 1e-6, 1e-9  # error bars of the two references, relative to the linkage's size, and [rad]
 ROUGH = 1e-3  # largest error bar of a reference that is used, relative to the linkage's size, and [rad]
 COMPARED = 400  # largest number of samples that are compared
+KINDS = ("position", "angle")  # kinds of error that are measured
 NUMPY = "gauss"  # own formulation whose run is judged if the engine of a program in C cannot be used
 
 
@@ -86,11 +87,12 @@ class ProgramError(Result):
             str(Status.TIMEOUT): "a larger --budget gives it more time, ",
             str(Status.INVALID): "--position finds a setting that holds an accuracy, ",
         }
-        more = hints.get(self.status, "")
-        return f"{self.status} with {self.setting}: {self.message}; {more}--anyway writes it with a warning"
+        hint = hints.get(self.status, "")
+        return f"{self.status} with {self.setting}: {self.message}; {hint}--anyway writes it with a warning"
 
     @property
     def setting(self) -> str:
+        """The program's setting as text."""
         return format_setting(self.settings, self.integrator, self.stabilization, self.step, self.tolerance)
 
     @property
@@ -113,8 +115,8 @@ def describe_reference(reference: str, known: float | None) -> str:
 
 
 @dataclass(frozen=True)
-class Compared:
-    """The largest errors [m], [rad] of a run, and the error bar and the method of its reference, or why there is none."""
+class Comparison:
+    """The largest errors of a run [m], [rad], and its reference: error bar and method; None and the reason if there is none."""
 
     reference: str
     position: float | None = None
@@ -149,15 +151,15 @@ def measure_program(
     end, budget = mechanism.duration, Budget(seconds)
     steps, every = plan(end, choice.step)  # number of steps, and steps between the rows that the program prints
     choice = choice if choice.tolerance is not None else replace(choice, step=end / steps)
-    rows = (end / steps * np.arange(0, steps + 1, every)).tolist()  # [s]
+    row_times = (end / steps * np.arange(0, steps + 1, every)).tolist()  # [s]
     if source and interpreter is None:
         # the suite's run beside a program in C: by the program's engine, or by NUMPY if this engine cannot be used here
         engine = engine if offer(engine).usable else NUMPY
         check_affordable(choice.step, end, COMPILED_STEP, seconds / 4)
     told(f"measuring: {engine}, {end:g} s")
     setting = (choice.settings, choice.integrator, choice.stabilization, choice.step)
-    run = simulate(linkage, engine, mechanism.scenario, *setting, rows, limit=seconds / 4, tolerance=choice.tolerance)
-    found, status, message, trajectory = Compared("the run did not end"), run.status, run.message, None
+    run = simulate(linkage, engine, mechanism.scenario, *setting, row_times, limit=seconds / 4, tolerance=choice.tolerance)
+    comparison, status, message, trajectory = Comparison("the run did not end"), run.status, run.message, None
     measured_on = f"the suite's run of {run.engine} with the same setting"
     try:
         trajectory, measured_on = run_program(run, measured_on, source, interpreter, max(budget.remaining(0.5), seconds / 4))
@@ -165,11 +167,11 @@ def measure_program(
         status, message = Status.ERROR, str(failure)  # without a trajectory nothing is measured
     if trajectory is not None and status is Status.OK:
         told("measuring: the reference")
-        found = find_error(Run(linkage, mechanism, end), trajectory, seconds / 2)
-        if found.position is None or found.angle is None:
+        comparison = find_error(Run(linkage, mechanism, end), trajectory, seconds / 2)
+        if comparison.position is None or comparison.angle is None:
             message = refuse_other(mechanism, trajectory, run.trajectory)
         else:
-            message = refuse_far(mechanism, found.position, found.angle)
+            message = refuse_far(mechanism, comparison.position, comparison.angle)
         status = Status.INVALID if message else Status.OK
     return ProgramError(
         status=str(status),
@@ -177,63 +179,64 @@ def measure_program(
         measured_on=measured_on,
         until=end,
         **vars(choice),
-        **vars(found),
+        **vars(comparison),
     )
 
 
 def run_program(
-    run: Simulation, named: str, source: str, interpreter: Interpreter | None, seconds: float
+    run: Simulation, run_name: str, source: str, interpreter: Interpreter | None, seconds: float
 ) -> tuple[Trajectory | None, str]:
-    """Run a program, in Python for at most `seconds`; return its samples, and what was run.
+    """Run a program, in Python for at most `seconds`; return its samples, and a text that says what was run.
 
-    If the program cannot be run here, these are the samples of `run`, the suite's run of its setting, which is called `named`.
+    If the program cannot be run here, these are the samples of `run`, the suite's run of its setting, and `run_name`.
     `source` is empty if a program of this kind cannot be run on its own; `interpreter` is None for a program in C.
 
     Raises:
         ProgramFailed: the program stopped with an error before its end.
     """
     if not source:
-        return run.trajectory, named
+        return run.trajectory, run_name
     if interpreter is None:
         trajectory, missing = run_c(source, run.model.n)
     else:
         trajectory, missing = run_python(source, run.model, interpreter, seconds)
     if trajectory is None:
-        return run.trajectory, f"{named}, because {missing}"
+        return run.trajectory, f"{run_name}, because {missing}"
     return trajectory, "this program itself"
 
 
-def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared:
+def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Comparison:
     """Return the largest errors of a trajectory against a reference.
 
     Computing references takes at most `seconds`. If the error bar of the first one, QUICK relative to the linkage's size, is more
     than a tenth of the error, a second one with the error bar PRECISE follows. At most COMPARED samples are compared.
     """
-    part = trajectory[spread_evenly(len(trajectory.t), COMPARED)]
+    samples = trajectory[spread_evenly(len(trajectory.t), COMPARED)]
     size, budget = run.mechanism.size, Budget(seconds)
-    best = Compared("no reference could be computed")
+    best = Comparison("no reference could be computed")
     with Worker() as worker:
-        for precise in (QUICK, PRECISE):
+        for wanted_bar in (QUICK, PRECISE):
             reason = ""
             try:
-                found = truth(run, {"position": precise * size, "angle": precise}, budget.remaining, worker, nobody)
+                wanted = {"position": wanted_bar * size, "angle": wanted_bar}  # [m], [rad]
+                truth = compute_reference(run, wanted, budget.remaining, worker, nobody)
             except NoTruth as failure:
                 reason = str(failure)
             else:
-                bars = found.bars
+                bars = truth.bars
                 if max(bars["position"] / size, bars["angle"]) > ROUGH:
-                    reason = f"the motion is known to {bars['position']:.1e} m and {bars['angle']:.1e} rad only: {found.told}"
+                    reason = f"the motion is known to {format_errors(bars, KINDS)} only: {truth.description}"
             if reason:  # the first reference, if there is one, is better than none
-                return best if best.known is not None else Compared(f"{best.reference}: {reason}")
-            errors = state_errors(run.mechanism, part, found.at(run, part.t)).largest
-            best = Compared(found.told, errors["position"], errors["angle"], found.bar)
-            if all(bars[kind] <= KNOWN * errors[kind] for kind in ("position", "angle")):
+                return best if best.known is not None else Comparison(f"{best.reference}: {reason}")
+            errors = state_errors(run.mechanism, samples, truth.at(run, samples.t)).largest
+            best = Comparison(truth.description, errors["position"], errors["angle"], truth.bar)
+            if all(bars[kind] <= KNOWN * errors[kind] for kind in KINDS):
                 break
     return best
 
 
 def refuse_far(mechanism: Mechanism, position: float, angle: float) -> str:
-    """Return the reason why errors [m], [rad] of a motion are larger than the judge allows; empty if they are not."""
+    """Return the reason to refuse a motion whose errors [m], [rad] are larger than the judge allows; empty if they are not."""
     if not position <= OFF_MOTION * mechanism.size:
         return f"a link ends up {position:.2g} m from where it should be"
     return "" if angle <= OFF_MOTION else f"a link ends up turned by {angle:.2g} rad from where it should be"
@@ -244,8 +247,8 @@ def refuse_other(mechanism: Mechanism, trajectory: Trajectory, own: Trajectory |
     if own is None or trajectory is own:
         return ""
     # lengths are measured relative to the linkage's size, and angles to 1 rad; one limit for both is the smaller of the two
-    off = np.abs(trajectory.q[-1] - own.q[-1]).max()
-    return "" if off <= OFF_MOTION * min(mechanism.size, 1.0) else f"the program ends {off:.2g} (m, rad) from the suite's own run"
+    gap = np.abs(trajectory.q[-1] - own.q[-1]).max()
+    return "" if gap <= OFF_MOTION * min(mechanism.size, 1.0) else f"the program ends {gap:.2g} (m, rad) from the suite's own run"
 
 
 def run_c(source: str, n: int) -> tuple[Trajectory | None, str]:
@@ -256,20 +259,20 @@ def run_c(source: str, n: int) -> tuple[Trajectory | None, str]:
     Raises:
         ProgramFailed: the program stopped with an error before its end.
     """
-    program = compiler()
-    if program is None:
+    c_compiler = compiler()
+    if c_compiler is None:
         return None, f"there is {NO_COMPILER}"
     with TemporaryDirectory() as folder:
-        file, built = Path(folder, "linkage.c"), Path(folder, "linkage")
+        file, program = Path(folder, "linkage.c"), Path(folder, "linkage")
         file.write_text(source, encoding="utf-8")
         try:
-            command = [program, "-O2", "-o", str(built), str(file), "-lm"]
+            command = [c_compiler, "-O2", "-o", str(program), str(file), "-lm"]
             done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILING, check=False)
             if done.returncode:
-                return None, f"{Path(program).name} does not compile this program here: {in_a_sentence(done.stderr)[:200]}"
-            done = subprocess.run([str(built)], capture_output=True, text=True, timeout=RUNNING, check=False)
+                return None, f"{Path(c_compiler).name} does not compile this program here: {in_a_sentence(done.stderr)[:200]}"
+            done = subprocess.run([str(program)], capture_output=True, text=True, timeout=RUNNING, check=False)
         except subprocess.TimeoutExpired as slow:
-            name = "the program" if slow.cmd[0] == str(built) else Path(program).name
+            name = "the program" if slow.cmd[0] == str(program) else Path(c_compiler).name
             return None, f"{name} took longer than {slow.timeout:g} s"
     if done.returncode:
         raise ProgramFailed(in_a_sentence(done.stderr) or f"the program ended with code {done.returncode}")

@@ -21,6 +21,7 @@ from gauss_bench.trajectory import RunFailure
 LIMIT = 60.0  # [s] time limit for writing one program of a report
 LARGEST = 30_000  # characters of a program in a report; `gauss-bench export` writes longer ones
 BEATS = 50  # samples that a program prints if its integrator chooses its own steps
+# errors because of which a report has no program of a setting
 UNWRITTEN = (ExchangeError, LinkageError, RunFailure, WorkerFailure, ImportError, ValueError, KeyError)
 
 Call = Callable[[Callable[..., Any], tuple[Any, ...]], Any]  # calls a function with arguments in the process of an engine
@@ -72,8 +73,9 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
     """
     written: dict[tuple[Any, ...], str] = {}
     with Worker() as worker:
-        for x in sorted(map(Wanted._make, wanted), key=lambda x: x.engine):  # in this order each engine starts only once
-            if not can_export(x.engine, x.integrator, x.stabilization):
+        settings = sorted(map(Wanted._make, wanted), key=lambda x: x.engine)  # in this order each engine starts only once
+        for x in settings:
+            if not can_export(x.engine, x.integrator, x.stabilization):  # no program can express this setting
                 continue
             call = partial(worker.under(interpreter_of(x.engine)).call, limit=LIMIT)
             remarks = (f"The error of this setting over {x.until:g} s is in the report that shows this program.",)

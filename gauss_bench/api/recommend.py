@@ -24,12 +24,12 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import can_export
 from gauss_bench.linkage.load import built_in, find, load
 from gauss_bench.reach import BY_AUTHORS, UNITS
-from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, offers
+from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, check_positive, duration, offers
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.trajectory import RunFailure
 
 BUDGET = 60.0  # [s] default of the time for the whole search
-FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators that are tried first in engines without variants of their own
+FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators that are tried first if an engine does not name its first variants
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Recommendation(Result):
     @property
     def text(self) -> str:  # type: ignore[override]
         settings = [setting_of(x) if x.status == "ok" else "" for x in self.answers]
-        return render("recommend", self, units=UNITS, said=settings, advised=advised(self.answers))
+        return render("recommend", self, units=UNITS, settings=settings, recommended=recommended_answer(self.answers))
 
 
 def recommend(
@@ -117,31 +117,33 @@ def recommend(
     seconds = Budget(check_budget(budget, BUDGET))
     mechanism = load(linkage, scenario)
     end = duration(mechanism.duration, until=until)
-    offered = offers(engines or order_kinds())
+    offered = offers(engines or order_engines())
     if settings is not None and len(offered) != 1:
         raise ChoiceError("settings are those of one engine: name it with --engine")
     if settings is not None and authors:
         raise ChoiceError("--settings tries only these settings, and --authors adds others: give one of them")
-    spaces = {x.name: variants(x, settings) for x in offered}
+    spaces = {x.name: list_variants(x, settings) for x in offered}
     owned = list_owned([x.name for x in offered], authors) if settings is None else {}
     run = Run(linkage, mechanism, end)
     with Recommender(run, wanted, spaces, seconds, told, better, owned) as recommender:
         truth = recommender.search()
         answers = recommender.answers(recommender.race())
-        best = advised(answers)
-        with ThreadPoolExecutor(LANES) as lanes:  # the recommended setting has WRITTEN seconds, even if the budget is used up
-            answers = list(lanes.map(lambda x: with_snippet(recommender, x, WRITTEN if x is best else 1.0), answers))
+        best = recommended_answer(answers)
+        # [s] for writing each program if the budget is used up
+        least = [WRITTEN if x is best else 1.0 for x in answers]
+        with ThreadPoolExecutor(LANES) as lanes:
+            answers = list(lanes.map(partial(with_snippet, recommender), answers, least))
     return Recommendation(
         mechanism=mechanism.name,
         scenario=mechanism.scenario,
         until=end,
         required=wanted,
-        truth=truth.told,
+        truth=truth.description,
         certified=truth.certified,
         known=truth.bars,
         answers=tuple(answers),
-        advice=advice(answers, wanted),
-        remarks=tuple(remarks(run, answers)),
+        advice=write_advice(answers, wanted),
+        remarks=tuple(list_remarks(run, answers)),
         complete=all(x.complete for x in answers),
     )
 
@@ -161,7 +163,7 @@ def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answ
     reference = recommender.truth
     if reference is not None:
         remarks.append(describe_error(answer.errors["position"], answer.errors["angle"]))
-        remarks.append(describe_reference(reference.told, reference.bar))
+        remarks.append(describe_reference(reference.description, reference.bar))
     call = partial(recommender.call_worker, answer.engine, least=least)
     mechanism = replace(run.mechanism, duration=run.until)
     try:
@@ -183,8 +185,7 @@ def list_requirements(**limits: float | None) -> dict[str, float]:
     if not wanted:
         raise ChoiceError("say what is required: --position, --angle or --force")
     for kind, x in wanted.items():
-        if not (math.isfinite(x) and x > 0):
-            raise ChoiceError(f"the {kind} error that is allowed must be a positive number of {UNITS[kind]}, not {x:g}")
+        check_positive(f"the {kind} error that is allowed", x, f" of {UNITS[kind]}")
     return wanted
 
 
@@ -205,13 +206,13 @@ def list_owned(engines: Sequence[str], files: Sequence[str | Path]) -> dict[str,
     return {name: candidates for name, candidates in owned.items() if candidates}
 
 
-def order_kinds() -> list[str]:
-    """Return the names of all engines: compiled and foreign ones first, and own ones in Python, which are slow, last."""
+def order_engines() -> list[str]:
+    """Return the names of all engines, those that are slow last: the suite's own formulations in Python."""
     first, last = [*COMPILED, *DERIVED, *FOREIGN], [*OWN]
     return [*first, *(x for x in all_names() if x not in first + last), *last]
 
 
-def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
+def list_variants(engine: Offer, settings: str | None = None) -> list[Variant]:
     """Return the variants of an engine, or those with the given settings, in the order in which the search tries them."""
     if not engine.usable:
         return []
@@ -220,13 +221,13 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
         tried = [Variant(settings, i, s, options) for i in engine.integrators for s in engine.stabilizations]
     else:
         tried = space(engine)
-    # no variant is advised for which `export` cannot write a program
+    # only variants for which `export` can write a program
     tried = [x for x in tried if can_export(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
 
     def rank(x: Variant) -> tuple[int, bool]:
-        """Return the key by which variants are sorted: the place in the engine's own order, if there is one.
+        """Return the sort key of a variant: its place in the engine's own order, if there is one.
 
-        Otherwise the key is the place of the integrator in FIRST, and whether there is a stabilization; without comes first.
+        Otherwise the key is the place of the integrator in FIRST, and whether there is a stabilization, which comes second.
         """
         if engine.first:
             return place_in(engine.first, x.name), False
@@ -240,7 +241,7 @@ def place_in(names: Sequence[str], name: str) -> int:
     return names.index(name) if name in names else len(names)
 
 
-def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
+def list_remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
     """Return sentences on limits of the answers: prescribed motion, loops in Python, and variants that were not tried."""
     sentences = []
     if run.mechanism.drivers:
@@ -253,31 +254,31 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
             sentences.append(f"times of {x.engine} over that of the fastest engine, by the program that runs the steps: {ratios}")
         # SAFE, ELSEWHERE: engines with adapters of this suite; other adapters are plug-ins
         if x.in_python and x.engine not in OWN:
-            part = "Python code of this suite" if x.engine in (*SAFE, *ELSEWHERE) else "Python code besides its library"
-            sentences.append(f"the time of {x.engine} includes {part}: {x.in_python}")
-    short = list(dict.fromkeys(x.engine for x in answers if not x.complete))
-    if short:
-        sentences.append(f"time ended before all variants of {', '.join(short)} were tried: a larger --budget may find better ones")
+            code = "Python code of this suite" if x.engine in (*SAFE, *ELSEWHERE) else "Python code besides its library"
+            sentences.append(f"the time of {x.engine} includes {code}: {x.in_python}")
+    incomplete = ", ".join(dict.fromkeys(x.engine for x in answers if not x.complete))
+    if incomplete:
+        sentences.append(f"time ended before all variants of {incomplete} were tried: a larger --budget may find better ones")
     return sentences
 
 
-def advised(answers: Sequence[Answer]) -> Answer | None:
+def recommended_answer(answers: Sequence[Answer]) -> Answer | None:
     """Return the recommended answer: the fastest timed one, else the first accurate one; None if no setting is accurate."""
-    holding = [x for x in answers if x.status == "ok"]
-    return next((x for x in holding if x.ratio is not None), holding[0] if holding else None)
+    accurate = [x for x in answers if x.status == "ok"]
+    timed = [x for x in accurate if x.ratio is not None]
+    return next(iter(timed or accurate), None)
 
 
-def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
+def write_advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
     """Return the advice: which setting to take, or what to do if no setting meets the requirement; the fastest answer is first."""
-    best = advised(answers)
+    best = recommended_answer(answers)
     if best is None:
         return advise_without(answers, wanted)
-    time = " (no setting was raced)" if best.seconds is None else f" in {duration_of(best.seconds)} a run"
-    others = [x for x in answers if x is not best and x.engine in (*FOREIGN, *ELSEWHERE) and x.ratio is not None]
-    next_best = f"; of other libraries {others[0].engine} comes next, {others[0].ratio:.3g} times as long" if others else ""
-    unraced = [x for x in answers if x is not best and x.status == "ok" and x.ratio is None]
-    count = f"{len(unraced)} other engine{' holds' if len(unraced) == 1 else 's hold'}"
-    more = f" {count} it too and had no race." if unraced and best.ratio is not None else ""
+    time = " (no setting was raced)" if best.seconds is None else f" in {format_duration(best.seconds)} a run"
+    libraries = [x for x in answers if x is not best and x.engine in (*FOREIGN, *ELSEWHERE) and x.ratio is not None]
+    next_best = f"; the next library, {libraries[0].engine}, takes {libraries[0].ratio:.3g} times as long" if libraries else ""
+    unraced = [x.engine for x in answers if x is not best and x.status == "ok" and x.ratio is None]
+    more = f" Accurate, not raced: {', '.join(unraced)}." if unraced and best.ratio is not None else ""
     errors = format_errors(best.errors, wanted)
     return f"Take {best.engine} with {setting_of(best)}: it holds {format_limits(wanted)} with {errors}{time}{next_best}.{more}"
 
@@ -296,7 +297,9 @@ def advise_without(answers: Sequence[Answer], wanted: Mapping[str, float]) -> st
         errors = format_errors(nearest.errors, wanted)
         return f"No setting holds half of {limit} within the budget; {nearest.engine} is nearest with {errors}: {remedy}."
     if any(x.status == "not tried" for x in answers):
-        return f"No run that could show whether {limit} can be held ended within the budget: see the reasons above, or {remedy}."
+        return (
+            f"Whether {limit} can be held is unknown, because no run ended within the budget: see the reasons above, or {remedy}."
+        )
     return f"No engine runs this linkage: see the reasons above for {limit}."
 
 
@@ -306,7 +309,7 @@ def setting_of(answer: Answer) -> str:
     return f"{words}, {BY_AUTHORS}" if answer.owner else words
 
 
-def duration_of(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Return a duration [s] as text in s, ms or us."""
     if seconds >= 1.0:
         return f"{seconds:.3g} s"

@@ -1,4 +1,7 @@
-"""Deprecated module of the results of public functions: they are beside these functions; the next release will not have it."""
+"""Former module of the results of public functions, which are now defined beside these functions.
+
+The next release will not have this module.
+"""
 
 import warnings
 from importlib import import_module
@@ -9,6 +12,7 @@ HOMES |= dict.fromkeys(("Tuning", "Export", "Import"), "exchange")
 
 
 def __getattr__(name: str) -> Any:
+    """Return a class from the module in which it is now, with a warning."""
     if name not in HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = import_module(f"gauss_bench.api.{HOMES[name]}")

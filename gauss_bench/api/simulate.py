@@ -19,7 +19,7 @@ from gauss_bench.mechanism.spaces import bodies
 from gauss_bench.metrics import Loads
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, build_first, run_of
-from gauss_bench.runs.offers import ChoiceError, Offer, check_affordable, offer
+from gauss_bench.runs.offers import ChoiceError, Offer, check_affordable, check_positive, offer
 from gauss_bench.runs.one_run import Run, sampling_through
 from gauss_bench.runs.scrutiny import (
     as_truth,
@@ -34,8 +34,9 @@ from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Caption, Reference, Status, Trajectory
 
-RAN = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # statuses of runs that are repeated at half the step
-QUICKEST_COMPILED, QUICKEST_INTERPRETED = 2e-8, 1e-4  # [s] shortest computing time of a step: the smallest linkage, a fast machine
+REPEATED = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # statuses of runs that are repeated at half the step
+# [s] shortest computing time of a step, of the smallest linkage on a fast machine: a run that needs more than its limit is refused
+QUICKEST_COMPILED, QUICKEST_INTERPRETED = 2e-8, 1e-4
 LIMIT = 600.0  # [s] default of the time limit of the worker process
 
 
@@ -159,7 +160,7 @@ class OneRun(Result):
 
 
 def name_run(mechanism: Mechanism, engine: str, choice: Choice) -> dict[str, Any]:
-    """Return name -> value for the fields of `OneRun`, which identify a run."""
+    """Return the fields of `OneRun` (name -> value), which identify a run."""
     names = {"engine": engine, "mechanism": mechanism.name, "scenario": mechanism.scenario}
     return names | {name: getattr(choice, name) for name in ("settings", "integrator", "stabilization", "step")}
 
@@ -222,9 +223,9 @@ class Simulation(OneRun):
         return tuple(f"warning: {x}" for x in self.warnings)
 
     def told(self) -> Caption:
-        """Return the caption of plots and animations: sentences on the run, and two times [s].
+        """Return the caption of plots and animations: title, setting, verdict, and two times [s].
 
-        They are its end, and the time from which the judge objects (None without objections).
+        The times are the end of the run, and the end of the part to which the judge has no objection (None if it is the whole run).
         """
         how = f"{self.engine} ({self.settings}), {self.integrator}, stabilization {self.stabilization}, step {self.step:g} s"
         verdict = "" if self.valid else _join(f"{self.status}: {self.message}", self.advice)
@@ -280,37 +281,37 @@ def simulate(
     at = sorted(set(at)) if at else [0.0, mechanism.duration]
     if not all(np.isfinite(x) and x >= 0 for x in at):
         raise ChoiceError("--at: times must be numbers that are not negative")
-    if not (np.isfinite(limit) and limit > 0):
-        raise ChoiceError(f"the limit must be a positive number of seconds, not {limit}")
+    check_positive("the limit", limit)
     # a report at single times needs no run beyond the last of them, but plots, tables and loads need the whole motion
     end = max(at[-1], mechanism.duration) if whole or forces else at[-1]
-    asked: dict[str, Any] = name_run(mechanism, engine, choice) | {"warnings": mechanism.warnings, "asked_until": end}
-    asked |= {"model": mechanism, "observed": observe_names(mechanism)}
+    # the fields of `Simulation` that are known before the run
+    known: dict[str, Any] = name_run(mechanism, engine, choice) | {"warnings": mechanism.warnings, "asked_until": end}
+    known |= {"model": mechanism, "observed": list_observed(mechanism)}
     if not offered.usable:
-        return _without_samples(asked, offered.status, offered.reason)
+        return _without_samples(known, offered.status, offered.reason)
     check_affordable(choice.step, end, QUICKEST_INTERPRETED if engine in OWN else QUICKEST_COMPILED, limit)
-    wanted = sampling_through(choice.step, sorted({*at, end}), sample_spacing(mechanism, end))
+    sampling = sampling_through(choice.step, sorted({*at, end}), sample_spacing(mechanism, end))
     if warning := warn_of_forcing(mechanism, choice, choice.integrator in offered.adaptive):
         tell(f"warning: {warning}")
-    told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {wanted.count} steps up to {end:g} s")
+    told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {sampling.count} steps up to {end:g} s")
     build_first(engine, [choice.settings], told)
-    runs = run_twice(Request(linkage, mechanism.scenario, engine, choice, wanted), mechanism, offered, limit)
+    runs = run_twice(Request(linkage, mechanism.scenario, engine, choice, sampling), mechanism, offered, limit)
     samples = runs.run.samples
     if samples is None:
-        return _without_samples(asked, runs.run.status, runs.run.message)
+        return _without_samples(known, runs.run.status, runs.run.message)
     with np.errstate(all="ignore"):  # overflow in a diverged run is an objection of the judge, not a warning of numpy
         try:
-            return Simulation(**asked, **_judge(mechanism, choice, runs, samples, at, forces))
+            return Simulation(**known, **_judge(mechanism, choice, runs, samples, at, forces))
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             status = Status.ERROR if runs.run.trajectory else runs.run.status
-            return _without_samples(asked, status, _join(runs.run.message, f"the motion cannot be judged: {error}"))
+            return _without_samples(known, status, _join(runs.run.message, f"the motion cannot be judged: {error}"))
 
 
-def _without_samples(asked: dict[str, Any], status: Status, message: str) -> Simulation:
-    """Return the result of a run that gave no samples to judge; `asked` has the fields of `Simulation` that identify the run."""
-    mechanism: Mechanism = asked["model"]
+def _without_samples(known: dict[str, Any], status: Status, message: str) -> Simulation:
+    """Return the result of a run that gave no samples to judge; `known` has the fields of `Simulation` known before the run."""
+    mechanism: Mechanism = known["model"]
     none = np.zeros((0, mechanism.n))
-    return Simulation(**asked, **states_at(mechanism, Trajectory(np.zeros(0), none, none, none, 0)), status=status, message=message)
+    return Simulation(**known, **states_at(mechanism, Trajectory(np.zeros(0), none, none, none, 0)), status=status, message=message)
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,13 +319,13 @@ class Runs:
     """A run, with the reference motion and the repetition with a finer setting by which the run is judged.
 
     Attributes:
-        truth: the motion from the certificate, if there is one.
-        finer: the run repeated at half the step or a tighter tolerance, if that was needed.
+        reference: the motion from the certificate; None if there is none.
+        finer: the run repeated at half the step or a tighter tolerance; None if the run is judged without.
         adaptive: whether the integrator chooses its own steps.
     """
 
     run: Run
-    truth: Reference | None
+    reference: Reference | None
     finer: Run | None
     adaptive: bool
 
@@ -334,20 +335,20 @@ def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: flo
 
     It is not needed if the motion is certified, and velocities and accelerations agree with the changes of the positions.
     """
-    truth, finer = None, None
+    reference, finer = None, None
     worker = keep(request.engine)  # the worker that already described the engine
     try:
         run = run_of(request, mechanism, limit, worker)
         samples = run.samples
-        if samples is not None and run.status in RAN:
+        if samples is not None and run.status in REPEATED:
             with suppress(OSError, ValueError):  # with a damaged certificate the run is judged by its repetition
-                truth = find_certified(mechanism, float(request.wanted.times[-1]))
-            if len(samples.t) > 1 and (truth is None or not has_sound_rates(mechanism, samples)):
-                again = run_of(repeat_finer(request, offered, run.seconds, samples.t), mechanism, limit, worker)
-                finer = at_samples(again, samples.t)
+                reference = find_certified(mechanism, float(request.wanted.times[-1]))
+            if len(samples.t) > 1 and (reference is None or not has_sound_rates(mechanism, samples)):
+                repetition = run_of(repeat_finer(request, offered, run.seconds, samples.t), mechanism, limit, worker)
+                finer = at_samples(repetition, samples.t)
     finally:
         worker.stop()
-    return Runs(run, truth, finer, request.choice.integrator in offered.adaptive)
+    return Runs(run, reference, finer, request.choice.integrator in offered.adaptive)
 
 
 def _judge(mechanism: Mechanism, choice: Choice, runs: Runs, samples: Trajectory, at: list[float], forces: bool) -> dict[str, Any]:
@@ -356,18 +357,19 @@ def _judge(mechanism: Mechanism, choice: Choice, runs: Runs, samples: Trajectory
     The returned states are those at the times `at` [s]; for a failed run, those before the failure and the last sample. Loads are
     computed only with `forces`.
     """
-    run, ended = runs.run, runs.run.trajectory is not None  # ended: the run reached its end
-    evidence, undecided = evidence_of(mechanism, choice, samples, runs.truth, runs.finer, adaptive=runs.adaptive)
-    verdict, last = judge(evidence), float(samples.t[-1])
-    status = (Status.OK if verdict.valid else Status.INVALID) if ended else run.status
+    run, is_complete = runs.run, runs.run.trajectory is not None
+    # undecided: a sentence if the repetition covers only a part of the run, else ""
+    evidence, undecided = evidence_of(mechanism, choice, samples, runs.reference, runs.finer, adaptive=runs.adaptive)
+    verdict, last = judge(evidence), float(samples.t[-1])  # last: time of the last sample [s]
+    status = (Status.OK if verdict.valid else Status.INVALID) if is_complete else run.status
     # the reason of the status comes first: the verdict's sentence for an invalid run, its own message for a failed one
     reasons = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
     until = last
     if not verdict.valid:
-        second = None if runs.finer is None or runs.finer.trajectory is None else as_truth(runs.finer.trajectory)
-        until = trusted_until(Evaluator(mechanism), samples, runs.truth, second)
-    times = np.array(at if ended else [*(x for x in at if x < last), last])
-    nearest = np.abs(samples.t - times[:, None]).argmin(axis=1)
+        repetition = None if runs.finer is None or runs.finer.trajectory is None else as_truth(runs.finer.trajectory)
+        until = trusted_until(Evaluator(mechanism), samples, runs.reference, repetition)
+    times = np.array(at if is_complete else [*(x for x in at if x < last), last])
+    nearest = np.abs(samples.t - times[:, None]).argmin(axis=1)  # index of the sample nearest to each time
     return states_at(mechanism, samples[nearest]) | {
         "status": status,
         "message": _join(*reasons, undecided, remark(evidence)),
@@ -392,16 +394,17 @@ def loads_until(mechanism: Mechanism, trajectory: Trajectory, until: float, verd
     The judge objects to later samples. Forces follow from accelerations: if the judge objects to these, the loads are empty.
     """
     accelerations_are_wrong = any(x.subject is Subject.MODEL for x in verdict.objections)
-    trusted = verdict.valid or (until > 0.0 and not accelerations_are_wrong)
-    part = trajectory[: int(np.searchsorted(trajectory.t, until, "right")) if trusted else 0]
-    return metrics.summarise_loads(mechanism, part, metrics.load_curves(Evaluator(mechanism), part))
+    is_trusted = verdict.valid or (until > 0.0 and not accelerations_are_wrong)
+    count = int(np.searchsorted(trajectory.t, until, "right")) if is_trusted else 0
+    samples = trajectory[:count]
+    return metrics.summarise_loads(mechanism, samples, metrics.load_curves(Evaluator(mechanism), samples))
 
 
 def states_at(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
     """Return the fields of `Simulation` with times, states and forces at the samples of a trajectory."""
     # mechanism.whole: the linkage with every link of the file; mechanism itself has one body for links that are welded together
     evaluator, links = Evaluator(mechanism), motion_of_links(mechanism, x)
-    exerted = metrics.driving_forces(evaluator, x).T if mechanism.drivers else ()
+    exerted = metrics.driving_forces(evaluator, x).T if mechanism.drivers else ()  # (drivers, k) [N, N m]
     return {
         "t": x.t,
         "links": link_states(mechanism.whole, links),
@@ -412,15 +415,15 @@ def states_at(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
     }
 
 
-def observe_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None) -> Observed:
+def list_observed(mechanism: Mechanism, points: tuple[Point, ...] | None = None) -> Observed:
     """Return the names of the observed points and links; `points` replaces the points that the file observes."""
     whole = mechanism.whole
-    chosen = whole.observed_points if points is None else points
-    return {"points": [p.name for p in chosen], "links": [whole.link_name(k) for k in whole.observed_links]}
+    observed = whole.observed_points if points is None else points
+    return {"points": [p.name for p in observed], "links": [whole.link_name(k) for k in whole.observed_links]}
 
 
 def measure(evidence: Evidence, trajectory: Trajectory, run: Run) -> Metrics:
-    """Return the errors of a run that can be measured without a reference motion, and the costs of the run."""
+    """Return the errors of a run that need no reference motion, and its costs: the judge's evidence and the run's counts."""
     return {
         "until": float(trajectory.t[-1]),
         "position_drift": float(evidence.drift.position.max()),

@@ -16,11 +16,11 @@ from typing import Any, ClassVar, Generic, TypeVar
 from gauss_bench.untrusted import harmless
 
 LONG = 2.0  # [s] time after which `tell_if_long` prints its sentence
-HIDDEN = {"told": "never"}  # metadata of a field that dictionaries leave out
-UNLESS_EMPTY = {"told": "unless empty"}  # metadata of a field that dictionaries leave out if it is empty
-Told = Callable[[str], None]  # receives sentences of progress
+HIDDEN = {"shown": "never"}  # metadata of a field that dictionaries leave out
+UNLESS_EMPTY = {"shown": "unless empty"}  # metadata of a field that dictionaries leave out if it is empty
+Told = Callable[[str], None]  # a function that is called with each sentence of progress
 Data = TypeVar("Data")
-_later: list[threading.Timer] = []
+_pending: list[threading.Timer] = []  # timers of sentences that are not printed yet
 
 
 class Result:
@@ -55,10 +55,10 @@ class Result:
         A field is left out if it is marked HIDDEN, or if it is empty and marked UNLESS_EMPTY.
         """
         by_name = {}
-        for x in fields(self):  # type: ignore[arg-type]
-            value, shown = getattr(self, x.name), x.metadata.get("told")
+        for field in fields(self):  # type: ignore[arg-type]
+            value, shown = getattr(self, field.name), field.metadata.get("shown")
             if shown is None or (shown == "unless empty" and value):
-                by_name[x.name] = _as_data(value)
+                by_name[field.name] = _as_data(value)
         return by_name | {name: getattr(self, name) for name in self.computed}
 
     def to_json(self) -> str:
@@ -86,20 +86,20 @@ class Answer(Generic[Data]):
     notices: tuple[str, ...] = ()
 
 
-def _as_data(item: Any, end: Callable[[Any], Any] = lambda x: x) -> Any:
-    """Return an item with dataclasses and mappings as dictionaries, tuples as lists, and paths as texts.
+def _as_data(item: Any, convert: Callable[[Any], Any] = lambda x: x) -> Any:
+    """Return an item with dataclasses and mappings as dictionaries, tuples as lists, and paths as texts, at all depths.
 
-    `end` converts what is none of these, such as numbers and arrays, which stay by default.
+    `convert` is applied to every other value, such as a number or an array; by default these stay as they are.
     """
     if isinstance(item, Result):
         item = item.as_dict()
     elif is_dataclass(item) and not isinstance(item, type):
         item = {x.name: getattr(item, x.name) for x in fields(item)}
     if isinstance(item, Mapping):
-        return {str(k): _as_data(x, end) for k, x in item.items()}
+        return {str(k): _as_data(x, convert) for k, x in item.items()}
     if isinstance(item, (list, tuple)):
-        return [_as_data(x, end) for x in item]
-    return str(item) if isinstance(item, (str, Path)) else end(item)
+        return [_as_data(x, convert) for x in item]
+    return str(item) if isinstance(item, (str, Path)) else convert(item)
 
 
 def plain(item: Any) -> Any:
@@ -108,18 +108,19 @@ def plain(item: Any) -> Any:
 
 
 def _plain_number(x: Any) -> Any:
-    """Return a number, or an array of numbers as a list, with None for numbers that are not finite."""
+    """Return a number or an array of numbers as JSON data: arrays become lists, and numbers that are not finite None."""
     if hasattr(x, "tolist"):
         return plain(x.tolist())
     return None if isinstance(x, float) and not math.isfinite(x) else x
 
 
 def render(name: str, data: Any, **more: Any) -> str:
-    """Return the text of the template `text/NAME.txt`, which uses `data` under the name x and `more` under their own names."""
+    """Return the text of the template `text/NAME.txt`, in which x is `data`, and the values in `more` have their own names."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # imported late: JSON output does not need it
 
     loader = PackageLoader("gauss_bench.api", "text")
     environment = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    # in templates x|f(".3g") formats a number; None stands for a number that is not finite
     environment.filters["f"] = lambda x, spec: "unknown" if x is None else format(x, spec)
     return environment.get_template(f"{name}.txt").render(x=plain(data), **more).rstrip("\n")
 
@@ -130,19 +131,19 @@ def tell(sentence: str) -> None:
 
 
 def nobody(sentence: str) -> None:
-    """Ignore a sentence of progress."""
+    """Ignore a sentence of progress; the functions of the package have this default, so that they print nothing."""
 
 
 def tell_if_long(sentence: str) -> None:
-    """Print a sentence on stderr after LONG seconds, unless `no_longer` is called earlier."""
+    """Print a sentence on stderr after LONG seconds, unless `cancel_sentences` is called earlier."""
     timer = threading.Timer(LONG, tell, (sentence,))
     timer.daemon = True
     with contextlib.suppress(RuntimeError):  # no further thread can be started: the command runs without this sentence
         timer.start()
-        _later.append(timer)
+        _pending.append(timer)
 
 
-def no_longer() -> None:
+def cancel_sentences() -> None:
     """Cancel the sentences that `tell_if_long` has not printed yet."""
-    while _later:
-        _later.pop().cancel()
+    while _pending:
+        _pending.pop().cancel()

@@ -15,7 +15,7 @@ import numpy as np
 
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import HALF, KNOWN
-from gauss_bench.advice.truth import NoTruth, Truth, shorten, truth
+from gauss_bench.advice.truth import NoTruth, Truth, compute_reference, shorten
 from gauss_bench.api.exchange import READING
 from gauss_bench.api.files import writable
 from gauss_bench.api.in_worker import answer_in_worker
@@ -49,6 +49,7 @@ ACCEPTED_SHARE = HALF.limit  # largest error of an accepted setting, relative to
 SAMPLES = 200  # largest number of samples of a run
 HALVINGS = 10  # number of timesteps that are tried, each half of the one before
 STIFF = Mujoco.settings["tuned"]  # settings that make closures as stiff as documented options can
+# a setting of MuJoCo's interface that no attribute of MJCF expresses: a factor on the inverse masses that scale closures
 UNWRITABLE = {"body_invweight0": Mujoco.settings["rigid"]["body_invweight0_factor"]}
 IN_OPTION = ("timestep", "integrator", "tolerance", "iterations")  # attributes of <option>; the others are those of closures
 RACING, ROUNDS = 60.0, 7  # [s] time limit of the timing of both models side by side, and its number of rounds
@@ -127,12 +128,9 @@ class Judge:
         self.evaluator, self.worker, self.budget = Evaluator(file.mechanism), worker, budget
 
     def try_setting(self, changes: Mapping[str, Any], path: Path | None = None) -> Tried:
-        """Run the model file, or the file at `path`, with changed attributes.
-
-        Return the changed attributes, the errors of the run, and the largest ratio of an error to the required error.
-        """
+        """Run the model file, or the file at `path`, with changed attributes, and compare the run with the reference."""
         step = float(changes.get("timestep", self.file.settings["timestep"]))
-        steps = max(1, int(self.run.until / step * (1 + 1e-12)))  # 1e-12: a multiple of the step may be rounded down
+        steps = max(1, int(self.run.until / step * (1 + 1e-12)))  # 1e-12: a quotient that rounding brings just below an integer
         times = step * np.unique(np.linspace(0, steps, min(steps, SAMPLES) + 1).round())  # (k,) [s], multiples of the step
         choice = Choice(setting_text(path or self.file.path, changes), "", "none", step)
         wanted = Sampling(times, step, count=steps, shortened=0)
@@ -141,8 +139,8 @@ class Judge:
         way = Way(ENGINE, settings="", integrator="", stabilization="none", size=step)
         trial = judge_trial(self.run, self.evaluator, self.known.at(self.run, times), way, ran)
         # the true error may be larger than the measured one by the error bar of the reference
-        largest = {kind: x + self.known.bars.get(kind, 0.0) for kind, x in trial.errors.items()}
-        worst = share(replace(trial, errors=largest), [Requirement(*x) for x in self.required.items()])
+        bounds = {kind: x + self.known.bars.get(kind, 0.0) for kind, x in trial.errors.items()}
+        worst = share(replace(trial, errors=bounds), [Requirement(*x) for x in self.required.items()])
         return Tried(dict(changes), trial, math.inf if math.isnan(worst) else worst)  # NaN: an error is unknown
 
 
@@ -158,7 +156,7 @@ def tune(
     replace: bool = False,
     told: Told = nobody,
 ) -> Tuned:
-    """Write a copy of an MJCF file whose settings meet a required accuracy; every byte but the values of a few attributes stays.
+    """Write a copy of an MJCF file whose settings meet a required accuracy; only the values of a few attributes differ.
 
     Args:
         model: path of the file, which is judged at its keyframe and with the keyframe's controls.
@@ -181,22 +179,22 @@ def tune(
     path = writable(out, replace, suffix=".xml", source=model)
     seconds = Budget(check_budget(budget, BUDGET))
     with Worker() as worker:
-        told(f"{model}: the model")
+        told(f"{model}: reading the model")
         file = read_own_file(model, (), worker)
         if file.kind != "MJCF":
             raise ExchangeError(
                 f"{model}: a {file.kind} holds no settings; `gauss-bench import`, then `export` writes a tuned model"
             )
-        end, known = find_reference(file, until, required, seconds, worker, told)
+        end, truth = find_reference(file, until, required, seconds, worker, told)
         refuse_what_acts(file, end, worker)
-        judge = Judge(file, end, required, known, worker, seconds)
+        judge = Judge(file, end, required, truth, worker, seconds)
         before = judge.try_setting({})
         told(f"as it stands: {describe_errors(before)}")
         best = find_setting(judge, before, allow_step, told)
         written = best.share <= ACCEPTED_SHARE
         remarks = list_remarks(judge, best)
         if not written and not allow_step:
-            remarks.append(f"the timestep stays {file.settings['timestep']:g} s: --allow-step shortens it where that helps")
+            remarks.append(f"the timestep was kept at {file.settings['timestep']:g} s: --allow-step also tries shorter ones")
         cost = None
         if written:
             best, cost = write_tuned(judge, best, path)
@@ -209,8 +207,8 @@ def tune(
         step=float(best.changes.get("timestep", file.settings["timestep"])),
         before=before.trial.errors,
         errors=best.trial.errors,
-        reference=known.told,
-        known=known.bars,
+        reference=truth.description,
+        known=truth.bars,
         cost=cost,
         left_out=file.left_out,
         remarks=tuple(remarks),
@@ -223,23 +221,24 @@ def find_reference(
     """Return the end of the runs [s], and the reference motion until this end.
 
     If `until` is None, shorter durations are tried until the error bars are at most KNOWN times the required errors. If they never
-    are, the last reference is returned.
+    are, the last reference is returned: the one over the shortest duration.
 
     Raises:
         ExchangeError: no reference could be computed, for any of the durations.
     """
     full_duration = duration(file.mechanism.duration, until=until)
-    wanted = {kind: KNOWN * x for kind, x in required.items()}  # kind -> largest error bar
+    durations = [*shorten(full_duration)] if until is None else [full_duration]
+    wanted_bars = {kind: KNOWN * x for kind, x in required.items()}
     last, reason = None, ""
-    for end in shorten(full_duration) if until is None else [full_duration]:
+    for end in durations:
         attempt = Budget(budget.remaining(REFERENCE) / 2)  # half of the time that is left; the rest is for shorter motions
         try:
-            reference = truth(Run(str(file.path), file.mechanism, end), wanted, attempt.remaining, worker, told)
+            reference = compute_reference(Run(str(file.path), file.mechanism, end), wanted_bars, attempt.remaining, worker, told)
         except NoTruth as failure:
             reason = str(failure)
             continue
         last = (end, reference)
-        if all(reference.bars.get(kind, 0.0) <= x for kind, x in wanted.items()):
+        if all(reference.bars.get(kind, 0.0) <= x for kind, x in wanted_bars.items()):
             break
     if last is None:
         raise ExchangeError(f"{file.path}: cannot be judged over {end:g} s: {reason}")
@@ -252,18 +251,16 @@ def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
     The first ones keep the solver parameters of the file's closures; the later ones replace them by stiff ones. Values that
     the file already has are left out.
     """
-    own = file.settings["integrator"]
-    integrators = [own, *(x for x in ("RK4", "implicitfast", "Euler") if x != own)]
-    at = {} if step == file.settings["timestep"] else {"timestep": step}
+    integrators = dict.fromkeys((file.settings["integrator"], "RK4", "implicitfast", "Euler"))  # the file's own first
     steps, damping = STIFF["solref"]  # a time constant in steps; MuJoCo's option refsafe allows no less than two
     stiff = {"solref": [steps * step, damping]} | {key: STIFF[key] for key in ("solimp", "tolerance", "iterations")}
     for closures in ({}, stiff):
         for integrator in integrators:
-            changes = at | {"integrator": integrator} | closures
-            yield {key: x for key, x in changes.items() if not is_set(file.settings[key], x)}
+            changes = {"timestep": step, "integrator": integrator} | closures
+            yield {key: x for key, x in changes.items() if not has_value(file.settings[key], x)}
 
 
-def is_set(value: Any, wanted: Any) -> bool:
+def has_value(value: Any, wanted: Any) -> bool:
     """Tell whether an option already has the wanted value.
 
     `value` is a dictionary, name of a closure -> value, if each closure has its own value of the option.
@@ -272,16 +269,16 @@ def is_set(value: Any, wanted: Any) -> bool:
 
 
 def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> Tried:
-    """Return the first accurate setting at the longest timestep; if there is none, the setting with the smallest errors.
+    """Return the first accurate setting at the longest timestep; if there is none, the setting with the smallest share.
 
-    A setting is accurate if its `share` is at most ACCEPTED_SHARE; `before` is the file's own.
+    A setting is accurate if its `share` is at most ACCEPTED_SHARE. `before` is the trial of the file's own setting.
     """
     best, step = before, float(judge.file.settings["timestep"])
     for _ in range(HALVINGS if allow_step else 1):
         for changes in list_settings(judge.file, step):
             if judge.budget.remaining() <= 0:
                 return best
-            tried = judge.try_setting(changes) if changes else before  # without changes it is the setting of the file
+            tried = judge.try_setting(changes) if changes else before  # without changes it is the file's own setting
             told(f"{describe_changes(changes)}: {describe_errors(tried)}")
             if tried.share < best.share:
                 best = tried
@@ -299,13 +296,13 @@ def write_tuned(judge: Judge, best: Tried, path: Path) -> tuple[Tried, float]:
             result's folder, or the written file does not meet the requirement.
         OSError: the file cannot be written.
     """
-    return atomically(path, partial(_write_part, judge, best, path))
+    return atomically(path, partial(_write_and_judge, judge, best, path))
 
 
-def _write_part(judge: Judge, best: Tried, path: Path, part: Path) -> tuple[Tried, float]:
-    """Write the edited file as `part`, which becomes `path` if this function returns; the results are those of `write_tuned`.
+def _write_and_judge(judge: Judge, best: Tried, path: Path, draft: Path) -> tuple[Tried, float]:
+    """Write the edited file as `draft`, which becomes `path` if this function returns; the results are those of `write_tuned`.
 
-    `part` is a temporary file in the folder of `path`, because MuJoCo looks there for included files.
+    `draft` is a temporary file in the folder of `path`, because MuJoCo looks there for included files.
     """
     source, changes = judge.file.path, best.changes
     content = read_bytes(source, MAX_BYTES)
@@ -314,18 +311,18 @@ def _write_part(judge: Judge, best: Tried, path: Path, part: Path) -> tuple[Trie
     reason = ""
     # attributes of each closure are changed first; if closures stand in included files, only attributes in <default> have effect
     for by_default in (False, True):
-        part.write_bytes(write_settings(content, str(source), option, closures, by_default))
-        arguments: tuple[Any, ...] = (str(source), str(part), changes)
+        draft.write_bytes(write_settings(content, str(source), option, closures, by_default))
+        arguments: tuple[Any, ...] = (str(source), str(draft), changes)
         reason = answer_in_worker(judge.worker, compare_models, arguments, READING, str(path))["reason"]
         if not reason:
             break
     if reason:
         raise ExchangeError(f"{path}: not written: {reason}")
     # the written file has all changes already; the timestep is passed again because `try_setting` derives the samples from it
-    written = judge.try_setting({key: x for key, x in changes.items() if key == "timestep"}, part)
+    written = judge.try_setting({key: x for key, x in changes.items() if key == "timestep"}, draft)
     if written.share > ACCEPTED_SHARE:
         raise ExchangeError(f"{path}: not written: the file itself is off by {describe_errors(written)}")
-    arguments = (judge.run.mechanism, str(source), judge.file.settings["timestep"], str(part), written.trial.size)
+    arguments = (judge.run.mechanism, str(source), judge.file.settings["timestep"], str(draft), written.trial.size)
     cost = float(answer_in_worker(judge.worker, race_there, arguments, RACING, str(path))["ratio"])
     return Tried(changes, written.trial, written.share), cost
 
@@ -361,7 +358,7 @@ def list_remarks(judge: Judge, best: Tried) -> list[str]:
 
 
 def describe_errors(tried: Tried) -> str:
-    """Return the errors of a run as text, or the reason why the run has no errors."""
+    """Return the largest errors of a run as text, such as "position 1.20e-05 m", or the reason why they are unknown."""
     if not tried.trial.errors:
         return tried.trial.message or str(tried.trial.status)
     return ", ".join(f"{kind} {tried.trial.errors[kind]:.2e} {UNITS[kind]}" for kind in UNITS if kind in tried.trial.errors)

@@ -21,7 +21,7 @@ import numpy as np
 
 FOLDER = Path(__file__).parent
 PAPERS = ("yuan_ge_2016", "wang_2010", "men_2009")
-APART = 1e3  # a printed form counts as wrong only if it differs by this many tolerances, far beyond rounding
+APART = 1e3  # a printed form counts as wrong only if its discrepancy is this many tolerances, far beyond rounding
 
 Table = dict[str, Any]
 
@@ -34,7 +34,7 @@ class Verdict(StrEnum):
     WRONG = "wrong"  # the statement itself is false
     LOOSE = "loose"  # right under a condition that is not stated
     NOT_GIVEN = "not given"  # data that the paper leaves out; the intended form has the data that are assumed here
-    UNREADABLE = "unreadable"  # false in our extract, which probably lost or added a mark
+    UNREADABLE = "unreadable"  # false in the text that was extracted from the paper, which probably lost or added a mark
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Line:
         measure: form -> its discrepancy from the reference, >= 0.
         tolerance: largest discrepancy of a form that counts as right.
         example: form -> a number that a reader can check with pencil and paper; None if there is none.
-        truth: returns the true value of that number, independently of both forms.
+        truth: function that returns the true value of that number, independently of both forms; None if there is none.
     """
 
     texts: dict[str, str]
@@ -68,15 +68,15 @@ def audit() -> dict[str, Any]:
 
 def lines() -> tuple[Line, ...]:
     """Return all checked statements, in the order of PAPERS and of each data file."""
-    return tuple(line for name in PAPERS for line in lines_of(read(name)))
+    return tuple(line for name in PAPERS for line in read_lines(read_paper(name)))
 
 
-def read(name: str) -> Table:
+def read_paper(name: str) -> Table:
     """Read a paper's data file."""
     return tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
 
 
-def lines_of(paper: Table) -> Iterator[Line]:
+def read_lines(paper: Table) -> Iterator[Line]:
     """Yield the statements of a paper's data file, with functions in place of their names."""
     cited = f"{paper['authors']}: {paper['title']}. {paper['source']}. {paper['extract']}"
     for chapter in paper["chapter"]:
@@ -84,7 +84,7 @@ def lines_of(paper: Table) -> Iterator[Line]:
         for entry in chapter["line"]:
             cause = paper["cause"][entry["cause"]] if "cause" in entry else {"kind": Verdict.OK}
             tolerance, example = paper["tolerance"][entry["tolerance"]], entry.get("example")
-            number = paper["number"][example["number"]] if example else {"text": ""}  # what the example computes
+            number = paper["number"][example["number"]] if example else {"text": ""}  # text and true value of the example's number
             texts = {key: entry.get(key, "") for key in ("name", "printed", "intended", "cause")} | {
                 "equation": entry.get("place", ""),
                 "sentence": entry.get("remark", ""),
@@ -100,33 +100,33 @@ def lines_of(paper: Table) -> Iterator[Line]:
             yield Line(
                 texts=texts,
                 verdict=Verdict(cause["kind"]),
-                printed=form_of(module, entry.get("printed_form", entry.get("form"))),
-                intended=form_of(module, entry.get("intended_form", entry.get("form"))),
-                measure=measure_of(module, chapter, entry),
+                printed=resolve_form(module, entry.get("printed_form", entry.get("form"))),
+                intended=resolve_form(module, entry.get("intended_form", entry.get("form"))),
+                measure=resolve_measure(module, chapter, entry),
                 tolerance=tolerance["value"],
-                example=form_of(module, example["of"]) if example else None,
-                truth=form_of(module, number["truth"]) if example else None,
+                example=resolve_form(module, example["of"]) if example else None,
+                truth=resolve_form(module, number["truth"]) if example else None,
             )
 
 
-def form_of(module: str, form: Any) -> Any:
-    """Return the function that a string names, in `module` or by its path in `gauss_bench.papers`; other values unchanged."""
+def resolve_form(module: str, form: Any) -> Any:
+    """Return the function that a string names, in `module` or by its path in `gauss_bench.papers`; data are returned unchanged."""
     if not isinstance(form, str):
         return form
     path, _, name = form.rpartition(".")
     return getattr(import_module(f"gauss_bench.papers.{path or module}"), name)
 
 
-def measure_of(module: str, chapter: Table, entry: Table) -> Callable[[Any], float]:
-    """Return a function of a form: its largest discrepancy over all cases of the line's measure.
+def resolve_measure(module: str, chapter: Table, entry: Table) -> Callable[[Any], float]:
+    """Return the measure of a line: a function form -> discrepancy, the largest over all cases if the measure has several.
 
-    `entry` is the table of the line; its key `on`, if there is one, is the last argument of the measure.
+    `entry` is the table of the line; its key `on`, if there is one, is the last argument of the function that it names.
     """
-    measure, cases = form_of(module, entry["measure"]), chapter.get("over", {}).get(entry["measure"])
+    measure, list_cases = resolve_form(module, entry["measure"]), chapter.get("over", {}).get(entry["measure"])
     on = [entry["on"]] if "on" in entry else []
-    if cases is None:
+    if list_cases is None:
         return lambda form: float(measure(form, *on))
-    return lambda form: worst([measure(form, case, *on) for case in form_of(module, cases)()])
+    return lambda form: worst([measure(form, case, *on) for case in resolve_form(module, list_cases)()])
 
 
 def worst(values: Sequence[float]) -> float:
@@ -135,23 +135,23 @@ def worst(values: Sequence[float]) -> float:
 
 
 def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: float) -> list[str]:
-    """List the contradictions between a claimed verdict and the discrepancies of both forms.
+    """List the contradictions between a claimed verdict and the discrepancies of both forms, `printed` and `intended`.
 
     A form counts as right within the tolerance, and as wrong beyond APART tolerances.
     """
-    # `not x <= tolerance` also is true if x is NaN
-    faults = [] if intended <= tolerance else ["what is called right is not"]
+    # `not x <= tolerance` is also true if x is NaN
+    faults = [] if intended <= tolerance else ["the intended form is not right"]
     if verdict == Verdict.OK and not printed <= tolerance:
-        faults.append("what is printed is not right")
+        faults.append("the printed form is not right")
     if verdict != Verdict.OK and not printed > APART * tolerance:
-        faults.append("what is printed is right")
+        faults.append("the printed form is not wrong")
     return faults
 
 
 def measure_line(line: Line) -> dict[str, Any]:
     """Return the row of a statement in the table `audit`: its texts, discrepancies, verdict, faults and the numbers of its example.
 
-    A statement that is claimed to be "ok" and is not has the verdict "wrong".
+    A statement that is right as printed has the verdict "ok", and else the claimed verdict, or "wrong" if "ok" was claimed.
     """
     printed = line.measure(line.printed)
     intended = printed if line.intended is line.printed else line.measure(line.intended)

@@ -38,8 +38,8 @@ from gauss_bench.terms import Array
 
 RTOL, ATOL = 1e-10, 1e-12
 TRUE, EQ_16, EQS_10_11 = "true", "(16) with Moore-Penrose inverses", "(10), (11) as printed"
-GRID = 720  # angles in a turn: the slope of the static torque changes sign only a few times in a turn
-LONGEST = 60.0  # [s] of a first turn; it takes less than 1 s, unless the data are within rounding of a bound
+GRID = 720  # intervals of a turn: the slope of the static torque changes sign only a few times in a turn
+LONGEST = 60.0  # [s] longest first turn; it takes less than 1 s, unless the data are within rounding of a bound
 WIDTH = 1e-9  # relative width of a bracket at which bisection ends, about the error of the integration
 MARGIN = 100.0  # distance from the first threshold at which the second search begins, in widths of the last bracket
 SECOND_TOLERANCE = 1e-2  # factor on the tolerance of a second search, which shows the error of the integration
@@ -50,7 +50,7 @@ TURNS = 500  # largest number of turns; the paper's example needs some 50 to bec
 POINTS = 4096  # in a turn, for the mean of a smooth periodic function: exact to rounding
 
 Seven = tuple[Any, ...]  # one entry for each of the paper's coordinates
-Event = Callable[[float, Array], float]
+Event = Callable[[float, Array], float]  # function of the time [s] and the state (crank angle, crank speed), whose zero is sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ class CrankRun:
 
 
 def motion_of(mechanism: Mechanism) -> CrankMotion:
-    """Return the closed form of the linkage file `crank_slider`, in a scenario that has the spring."""
+    """Return the motion in closed form of the linkage file `crank_slider`, in a scenario that has the spring."""
     torque = sum(f.value for f in mechanism.forces if isinstance(f, Torque))
     (spring,) = (f for f in mechanism.forces if isinstance(f, AxisSpringDamper))
     crank, rod, _ = mechanism.links
@@ -178,23 +178,23 @@ def torque_range(motion: CrankMotion) -> tuple[Extreme, Extreme]:
     idle = replace(motion, torque=0.0)
     theta, step = np.linspace(-np.pi, np.pi, GRID + 1), 2 * np.pi / GRID
     F, extremes = idle.static_torque(theta), []
-    for sign in (1.0, -1.0):
-        near = float(theta[(sign * F).argmin()])
-        ends, options = (near - step, near + step), {"xatol": 1e-10}
+    for sign in (1.0, -1.0):  # the largest F is the smallest -F
+        nearest = float(theta[(sign * F).argmin()])
+        ends, options = (nearest - step, nearest + step), {"xatol": 1e-10}
         best = minimize_scalar(lambda x, k=sign: k * idle.static_torque(float(x)), bounds=ends, method="bounded", options=options)
         extremes.append(Extreme(sign * float(best.fun), float(best.x)))
     return extremes[0], extremes[1]
 
 
-def equilibria(motion: CrankMotion) -> tuple[Equilibrium, ...]:
-    """Return the equilibria of the crank under the torque `motion.torque`, with ascending angles; empty if there are none."""
+def find_equilibria(motion: CrankMotion) -> tuple[Equilibrium, ...]:
+    """Return the equilibria of the crank under gravity, spring and `motion.torque`, by ascending angle; empty if there are none."""
     theta = np.linspace(-np.pi, np.pi, GRID + 1)
     F = motion.static_torque(theta)
-    places = []
-    for k in np.flatnonzero(F[:-1] * F[1:] < 0):
+    equilibria = []
+    for k in np.flatnonzero(F[:-1] * F[1:] < 0):  # intervals in which the torque changes its sign
         root = float(brentq(lambda x: float(motion.static_torque(x)), float(theta[k]), float(theta[k + 1]), xtol=1e-14))
-        places.append(Equilibrium(root, bool(derivative(motion.static_torque, root, 1.0) < 0)))
-    return tuple(places)
+        equilibria.append(Equilibrium(root, bool(derivative(motion.static_torque, root, 1.0) < 0)))
+    return tuple(equilibria)
 
 
 def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
@@ -212,13 +212,13 @@ def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float] |
     Raises:
         ArithmeticError: neither happens within LONGEST [s]: the parameters lie, within rounding, on the boundary.
     """
-    push = float(motion.static_torque(0.0))
-    if push == 0.0:
+    torque_at_start = float(motion.static_torque(0.0))
+    if torque_at_start == 0.0:
         return None
 
     def undecided(t: float, y: Array) -> float:
         """Return a number that is 0 at the start, then positive, and falls to 0 when the crank turns back or completes a turn."""
-        return float(min(np.sign(push) * y[1], TURN - abs(y[0])))
+        return float(min(np.sign(torque_at_start) * y[1], TURN - abs(y[0])))
 
     undecided.terminal, undecided.direction = True, -1.0  # type: ignore[attr-defined]
     run = motion.run(LONGEST, rtol=rtol, event=undecided)
@@ -229,10 +229,10 @@ def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float] |
 
 
 def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> tuple[float, float]:
-    """Return the threshold of a parameter between motions make(value) that come to rest and that run on, and its uncertainty.
+    """Return the value of a parameter between motions make(value) that come to rest and that turn for ever, and its uncertainty.
 
-    The bisection begins with values of either kind and ends at their relative distance `width`. The uncertainty is half their last
-    distance plus the change of the threshold with a smaller tolerance of the integration.
+    The bisection begins with the values `settled` and `running`, one of either kind, and ends when their relative distance is
+    `width`. The uncertainty is half the last distance plus the change of the result with a smaller tolerance of the integration.
 
     Raises:
         ValueError: the crank comes to rest with both values, or with neither.
@@ -244,8 +244,8 @@ def find_bound(make: Callable[[float], CrankMotion], settled: float, running: fl
 
     ends = {"xtol": 1e-15, "rtol": width / 2}  # half the last bracket, whose middle `bisect` returns
     coarse = bisect(side, settled, running, (RTOL,), **ends)
-    near = MARGIN * width * abs(coarse)
-    fine = bisect(side, coarse - near, coarse + near, (SECOND_TOLERANCE * RTOL,), **ends)
+    margin = MARGIN * width * abs(coarse)
+    fine = bisect(side, coarse - margin, coarse + margin, (SECOND_TOLERANCE * RTOL,), **ends)
     return float(fine), width * abs(fine) / 2 + abs(fine - coarse)
 
 
@@ -262,8 +262,10 @@ def balance_speed(motion: CrankMotion) -> float:
     return TURN * motion.torque / (motion.c * integrate_slope(motion))
 
 
-def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) -> Array:
+def integrate_turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) -> Array:
     """Return speed |w| [rad/s], time [s] and energy lost [J] in a turn from theta = 0 at speed w [rad/s], as an array (3, samples).
+
+    The samples are at equally spaced crank angles from 0 to a whole turn.
 
     Raises:
         ArithmeticError: the crank does not complete the turn.
@@ -276,14 +278,14 @@ def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) ->
         slope = motion.positions(theta)[1][6]  # dx3/dtheta, of the slider with the damper c
         return [direction * motion.acceleration(theta, direction * u) / u, 1 / u, motion.c * slope**2 * u]
 
-    start, places = [abs(w), 0.0, 0.0], np.linspace(0.0, TURN, samples)
-    run = solve_ivp(rate, (0.0, TURN), start, method="DOP853", rtol=rtol, atol=rtol, t_eval=places)
+    start, travelled = [abs(w), 0.0, 0.0], np.linspace(0.0, TURN, samples)
+    run = solve_ivp(rate, (0.0, TURN), start, method="DOP853", rtol=rtol, atol=rtol, t_eval=travelled)
     if not run.success:
         raise ArithmeticError(f"the crank does not complete the turn it starts with {w:.6g} rad/s")
     return np.asarray(run.y)
 
 
-def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
+def steady_rotation(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
     """Return the characteristic values of the steady rotation that the crank reaches after a start from rest.
 
     The keys are:
@@ -303,14 +305,14 @@ def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
 
     def gain(u: float) -> float:
         """Return the change of speed [rad/s] in a turn that starts with the speed u."""
-        return float(turn(motion, direction * u, rtol)[0, -1]) - u
+        return float(integrate_turn(motion, direction * u, rtol)[0, -1]) - u
 
     try:
         guess = abs(balance_speed(motion))
         steady = float(newton(gain, guess, x1=1.1 * guess, tol=10 * rtol * guess))
     except RuntimeError as error:
         raise ArithmeticError("no turn was found that starts and ends with the same speed") from error
-    speeds, times, lost = turn(motion, direction * steady, rtol, SAMPLES)
+    speeds, times, lost = integrate_turn(motion, direction * steady, rtol, SAMPLES)
     return {
         "mean": direction * TURN / float(times[-1]),
         "slowest": direction * float(speeds.min()),
@@ -320,11 +322,11 @@ def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
         "lost": float(lost[-1]),
         "first_speed": first_speed,
         "first_time": first_time,
-        "steady_after": first_time + approach(motion, first_speed, steady, rtol),
+        "steady_after": first_time + time_to_steady(motion, first_speed, steady, rtol),
     }
 
 
-def approach(motion: CrankMotion, w: float, steady: float, rtol: float) -> float:
+def time_to_steady(motion: CrankMotion, w: float, steady: float, rtol: float) -> float:
     """Return the time [s] from the end of the first turn, at speed w [rad/s], until a turn begins nearly at the speed `steady` > 0.
 
     Raises:
@@ -334,6 +336,6 @@ def approach(motion: CrankMotion, w: float, steady: float, rtol: float) -> float
     for _ in range(TURNS):
         if abs(u / steady - 1) < STEADY:
             return t
-        speed, duration, _ = turn(motion, direction * u, rtol)[:, -1]
+        speed, duration, _ = integrate_turn(motion, direction * u, rtol)[:, -1]
         t, u = t + float(duration), float(speed)
     raise ArithmeticError(f"the speed of the crank is not steady after {TURNS} turns")

@@ -31,7 +31,6 @@ L1, L2 = 0.15, 0.56  # [m]
 STIFFNESS, DAMPING, TORQUE = 5.0, 1.0, -0.5  # [N/m], [N s/m], [N m]
 I1, I2 = M1 * L1**2 / 12, M2 * L2**2 / 12  # [kg m^2] not given in the paper: uniform bars are assumed
 GRAVITY = 9.81  # [m/s^2] not given in the paper
-START = (0.075, 0.0, 0.0, 0.43, 0.0, 0.0, 0.71)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +51,10 @@ def linkage() -> Mechanism:
 
 @cache
 def states(count: int = 24) -> tuple[ExampleState, ...]:
-    """Return the start of the example and `count` random states (fixed seed, speeds to 30 rad/s) with reference accelerations."""
+    """Return the start of the example and `count` random states (fixed seed, speeds up to 30 rad/s) with true accelerations.
+
+    The accelerations are computed in the crank angle alone.
+    """
     mechanism, kept = linkage(), list(KEPT)
     applied = Evaluator(mechanism).applied
     random, crank = random_states(mechanism, count), MinimalCoordinate(mechanism)
@@ -61,8 +63,16 @@ def states(count: int = 24) -> tuple[ExampleState, ...]:
     return tuple(ExampleState(q[kept], v[kept], a[kept], applied.generalised(q, v)[kept]) for q, v, a in rows)
 
 
+def moving_states() -> tuple[ExampleState, ...]:
+    """Return all states except the start, which is at rest."""
+    return states()[1:]
+
+
 def derivative(function: Callable[[Any], Number], x: Array | float, direction: Array | float) -> Array:
-    """Return d/dt of function(x + t direction) at t = 0, exact to rounding (complex-step method)."""
+    """Return the derivative of a function at x along a direction, d/dt function(x + t direction) at t = 0, exact to rounding.
+
+    Complex-step method: f'(x) d = Im f(x + i h d) / h, which subtracts nothing, so that h can be as small as TINY.
+    """
     return np.asarray(function(x + 1j * TINY * direction).imag / TINY)
 
 

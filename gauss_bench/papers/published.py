@@ -30,19 +30,19 @@ VALUES = (
 def list_published_values(mechanism: Mechanism, reference: Reference) -> list[dict[str, Any]]:
     """Return a row for each printed value: printed and certified value, difference, and numbers of printed and of right digits.
 
-    `floor` is the change of the certified value if the numbers of the linkage change by rounding. The reference ends at the time of
-    the published values.
+    The row's `floor` is the change of the certified value if the numbers of the linkage are rounded to doubles. The reference must
+    end at the time of the published values.
     """
     linkage, scenario, t = SQUEEZER
     assert abs(reference.t[-1] - t) < 1e-12
     index = {link.name: i for i, link in enumerate(mechanism.links)}
     rows = []
-    for angle, link, minus, value, rate in VALUES:
+    for angle, link, base, value, rate in VALUES:
         for level, mark, text in (("q", "", value), ("v", "'", rate)):  # mark: added to the name of a rate
             state = getattr(reference, level)[-1]  # (n,) positions or rates at the end
             certified = float(angle_at(state, index[link]))
-            if minus:
-                certified -= float(angle_at(state, index[minus]))
+            if base:
+                certified -= float(angle_at(state, index[base]))
             off = abs(float(text) - certified)
             rows.append(
                 {

@@ -35,18 +35,18 @@ class AbsoluteCoordinates:
         keep = s > RANK_TOLERANCE * s.max(axis=-1, keepdims=True, initial=0.0)
         V = np.swapaxes(Vt, -1, -2)  # (k, n, r)
         inverse = np.where(keep, 1.0 / np.where(keep, s, 1.0), 0.0)  # S1^-1
-        moved = inverse * (np.swapaxes(U, -1, -2) @ rows.gamma[..., None])[..., 0]  # S1^-1 U1^T gamma
+        forced = inverse * (np.swapaxes(U, -1, -2) @ rows.gamma[..., None])[..., 0]  # S1^-1 U1^T gamma
         free = Q / self.root  # M^(-1/2) Q
         friction = self.evaluator.friction
         if friction:
             # `solve_multipliers` solves lambda = base + lift V1^T W N(lambda)
             W = friction.directions(q, v) / self.root[:, None]  # (k, n, joints), in weighted coordinates
             lift = U * inverse[..., None, :]  # U1 S1^-1
-            base = lift @ (Vt @ free[..., None] - moved[..., None])
+            base = lift @ (Vt @ free[..., None] - forced[..., None])
             multipliers = friction.solve_multipliers(base[..., 0], lift @ Vt @ W)
             free = free + (W @ friction.loads(multipliers)[..., None])[..., 0]
         blocked = keep * (Vt @ free[..., None])[..., 0]  # V1^T M^(-1/2) Q
-        b = free + (V @ (moved - blocked)[..., None])[..., 0]
+        b = free + (V @ (forced - blocked)[..., None])[..., 0]
         return np.asarray(b / self.root)
 
     def null_space(self, q: Array) -> Array:

@@ -22,7 +22,7 @@ Integrator = Callable[[BatchAcceleration, Array, Array, Array], tuple[Array, Arr
 
 INTERVAL = 1e-2  # [s] between samples; both integrators stop there, so that nothing is interpolated
 RTOL, ATOL = 1e-13, 1e-14  # tolerances of DOP853
-COLLOCATION_STEP = 1.25e-3  # [s] its error after 1 s of the six-bar is 2e-14 rad, that of 2.5e-3 s is 5e-10 rad
+COLLOCATION_STEP = 1.25e-3  # [s] the error after 1 s of the six-bar is 2e-14 rad; with steps of 2.5e-3 s it is 5e-10 rad
 ROUNDING = 4 * np.finfo(float).eps  # relative; least error bar
 
 
@@ -62,7 +62,7 @@ def build_driven(mechanism: Mechanism, times: Array) -> Reference:
 
 
 def _with_bars(times: Array, levels: Levels, bars: Levels, method: str) -> Reference:
-    """Return a reference with q, v, a (k, n) and their error bars (k,); its floor is not known, and stored as zero."""
+    """Return a reference with q, v, a (k, n) and error bars (k,); its floor (`sensitivity`) is unknown, and stored as zero."""
     no_floor = np.zeros(len(times))
     return Reference(times, *levels, *bars, no_floor, no_floor, no_floor, method)
 
@@ -79,26 +79,30 @@ def integrate_twice(mechanism: Mechanism, times: Array, minimal: bool) -> Refere
     With `minimal` both integrate the crank angle alone, instead of all absolute coordinates.
     """
     motion, coordinates = (minimal_motion, "crank angle") if minimal else (absolute_motion, "absolute coordinates")
-    # both integrators restart at every kink of a force; only the samples are kept
+    # both integrators restart at every kink of a force; only the samples are returned
     grid = np.union1d(times, [x for x in mechanism.kinks if x < times[-1]])
-    kept = np.searchsorted(grid, times)
+    sampled = np.searchsorted(grid, times)  # indices of the samples in `grid`
     first, second = motion(mechanism, grid), motion(mechanism, grid, partial(gauss_legendre, step=COLLOCATION_STEP))
 
     def bar(x: Array, y: Array) -> Array:
-        """Return the error bar (k,) at the samples, from two computations x and y (times, n) of a level."""
+        """Return the error bar (k,) at the samples, from two computations x and y (times, n) of q, v or a."""
         gap = np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1))
-        # a bar never shrinks with time: an error made earlier is still there when the two motions happen to cross
-        return np.asarray(np.maximum.accumulate(gap)[kept])
+        # a bar never shrinks with time: an earlier error persists even at an instant at which the two motions agree by chance
+        return np.asarray(np.maximum.accumulate(gap)[sampled])
 
-    q, v, a = (x[kept] for x in second)
+    q, v, a = (x[sampled] for x in second)
     bar_q, bar_v, bar_a = map(bar, first, second)
     method = f"{coordinates}; DOP853 at 1e-13 against Gauss-Legendre of order 16"
     return _with_bars(times, (q, v, a), (bar_q, bar_v, bar_a), method)
 
 
 def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
-    """Integrate with scipy's DOP853, stopped at every sample; return q, v (k, n)."""
-    from scipy.integrate import DOP853  # imported here because a driven linkage does not need it, and it takes long
+    """Integrate with scipy's DOP853, which stops at every sample; return q, v (k, n).
+
+    Raises:
+        ArithmeticError: the integrator fails, because the motion is singular.
+    """
+    from scipy.integrate import DOP853  # imported here because the import takes long, and a driven linkage does not need it
 
     n, just_before_end = len(q0), np.inf  # the loop below sets `just_before_end` for each interval between samples
 
@@ -125,15 +129,15 @@ def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _
     """Return q, v, a (k, n) at the times, integrated in the crank angle from the mechanism's start at times[0]."""
     # two objects, because each searches a closed position from the last one that it found, and integration and sampling visit
     # different positions
-    integrated, sampled = MinimalCoordinate(mechanism), MinimalCoordinate(mechanism)
-    k = sampled.crank
+    for_integration, for_samples = MinimalCoordinate(mechanism), MinimalCoordinate(mechanism)
+    k = for_samples.crank
 
     def rate(t: Array, q: Array, v: Array) -> Array:
         """Return the crank acceleration (k, 1) at crank angles and speeds (k, 1)."""
-        return integrated.acceleration(q[:, 0], v[:, 0])[:, None]
+        return for_integration.acceleration(q[:, 0], v[:, 0])[:, None]
 
     theta, w = integrate(rate, times, mechanism.q0[k : k + 1], mechanism.v0[k : k + 1])
-    return _join(sampled.free_state(x, u) for x, u in zip(theta, w, strict=True))
+    return _join(for_samples.free_state(x, u) for x, u in zip(theta, w, strict=True))
 
 
 def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> Levels:
@@ -166,15 +170,15 @@ def random_states(mechanism: Mechanism, count: int = 200, *, speed: float = 30.0
         motion = MinimalCoordinate(mechanism)
         theta = np.sort(rng.uniform(*motion.angles_reached(), count))
         w = rng.uniform(-speed, speed, count)
-        parts = (motion.free_state(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True))
-        return Samples(np.zeros(count), *_join(parts))
+        states = (motion.free_state(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True))
+        return Samples(np.zeros(count), *_join(states))
     coordinates = AbsoluteCoordinates(mechanism)
     times = random_times() if mechanism.drivers else np.zeros(count)
-    q, states = mechanism.q0, []
+    q, walk = mechanism.q0, []
     for t in times:  # each position is a small random step away from the last
         basis = coordinates.null_space(q)
         q, _ = coordinates.evaluator.project(t, q + basis @ rng.normal(0.0, 0.05, basis.shape[1]), np.zeros_like(q))
         v = coordinates.null_space(q) @ rng.uniform(-3.0, 3.0, basis.shape[1])
-        states.append(coordinates.evaluator.project(t, q, v) if mechanism.drivers else (q, v))
-    q, v = (np.array(x) for x in zip(*states, strict=True))
+        walk.append(coordinates.evaluator.project(t, q, v) if mechanism.drivers else (q, v))
+    q, v = (np.array(x) for x in zip(*walk, strict=True))
     return Samples(times, q, v, coordinates.acceleration(times, q, v))

@@ -34,7 +34,7 @@ class Certificate:
     """A certified motion, from time 0 to the time of its last sample.
 
     Attributes:
-        name, scenario, digest: of the linkage for which the certificate is valid.
+        name, scenario, digest: name, scenario and checksum of the linkage for which the certificate is valid.
         t: (k,) sample times [s]; q, v, a: (k, n) positions, velocities and accelerations.
         multipliers: (k, m) multipliers of M a + J^T lambda = Q; (k, 0) if redundant constraint rows leave them undetermined.
         error_q, error_v, error_a, error_multipliers: (k,) largest difference of the two computed motions up to each time.
@@ -98,12 +98,12 @@ def check_holds(certificate: Certificate, mechanism: Mechanism, path: Path) -> N
     Raises:
         CertificateError: it is of another linkage or scenario, or the linkage was changed after it was made.
     """
-    asked = f"{mechanism.name} in scenario {mechanism.scenario}"
+    motion = f"{mechanism.name} in scenario {mechanism.scenario}"
     if (certificate.name, certificate.scenario) != (mechanism.name, mechanism.scenario):
-        raise CertificateError(f"{path}: certifies {certificate.name} in scenario {certificate.scenario}, not {asked}")
+        raise CertificateError(f"{path}: certifies {certificate.name} in scenario {certificate.scenario}, not {motion}")
     if certificate.digest != mechanism.digest:
         raise CertificateError(
-            f"{path}: made for another version of {asked}; the linkage has changed since, so that the certificate no longer holds; "
+            f"{path}: made for another version of {motion}; the linkage has changed, and the certificate no longer holds; "
             "make a new one with `gauss-bench certify`"
         )
 
@@ -111,7 +111,8 @@ def check_holds(certificate: Certificate, mechanism: Mechanism, path: Path) -> N
 def certificate_path(mechanism: Mechanism) -> Path | None:
     """Return the path of a linkage's certificate, certificates/NAME.SCENARIO.npz beside its file.
 
-    Generated linkages have theirs in the folder of the built-in ones; a mechanism that was built in Python has none.
+    Certificates of generated linkages are in the folder of the built-in ones. The result is None for a mechanism that was built in
+    Python, which has no file.
     """
     source = Path(mechanism.source)
     folder = None
@@ -141,7 +142,10 @@ def rounding(values: Array) -> Array:
 
 
 def find_certified(mechanism: Mechanism, t_end: float) -> Reference | None:
-    """Return the certified motion up to t_end, or None; a certificate that no longer holds gives a warning on stderr."""
+    """Return the certified motion up to t_end [s]; None if there is no certificate that holds and has a sample at t_end.
+
+    For a certificate that does not hold, or is damaged, a warning is printed on stderr.
+    """
     path = certificate_path(mechanism)
     if path is None or not path.exists():
         return None
@@ -151,6 +155,6 @@ def find_certified(mechanism: Mechanism, t_end: float) -> Reference | None:
     except CertificateError as error:
         print(harmless(f"warning: {error}; the reference is built in double precision instead"), file=sys.stderr)
         return None
-    # a run is judged at its end too, where the certificate therefore needs a sample
+    # a run is also judged at its end, where the certificate therefore needs a sample
     has_end = np.isclose(certificate.t, t_end, rtol=1e-12, atol=1e-9).any()
     return as_reference(certificate, t_end) if has_end else None

@@ -35,12 +35,12 @@ DIGITS = 12
 MAX_SAMPLES = 500  # largest number of samples, so that files stay small
 MIN_SAMPLES = 50  # least number of samples, so that motions over milliseconds have samples too
 SPACING = Decimal("0.01")  # [s] usual distance of samples
-STEPS = 100  # least number of steps of the collocation, which halves its steps itself where the motion needs it
+STEPS = 100  # least number of steps of the collocation, which also halves single steps that do not resolve the motion
 HALVINGS = 2  # largest number of times that all steps are halved
 ENOUGH = 2.0**-54  # relative rounding of the stored doubles
 LEVELS = ("q", "v", "a")
 
-Report = Callable[[str, float], None]  # takes the name of the stage and the time reached [s]
+Report = Callable[[str, float], None]  # a function that is called with the name of a stage and the time [s] that it has reached
 
 
 class Uncertified(ArithmeticError):
@@ -57,7 +57,7 @@ def certify(
         scenario: name of a scenario of the file; with None the first scenario that has the table `start`.
         digits: number of digits that must be certified, of positions and of velocities relative to their largest values.
         until: end of the motion [s]; with None the scenario's duration is used.
-        report: called with the name of the stage and the time reached [s]; with None progress is not reported.
+        report: function that is called with the name of a stage and the time [s] that it has reached; with None there is none.
 
     Raises:
         LinkageError: the file has faults.
@@ -77,20 +77,20 @@ def certify(
     truth = first if exact is None else exact
     second, step = _collocate(document, mechanism, first, truth, report)
     bars = disagreement(truth, second) | {"multipliers": disagreement(first, second)["multipliers"]}
-    kept, worst, reason = len(times), 0.0, ""
+    count, worst, reason = len(times), 0.0, ""  # number of certified samples, and largest relative error
     if exact is None:
-        kept, worst, reason = _certified_part(truth, bars, (first, second), digits)
-    if kept < min(2, len(times)):
+        count, worst, reason = _certified_part(truth, bars, (first, second), digits)
+    if count < min(2, len(times)):
         raise Uncertified(f"{mechanism.name} in scenario {mechanism.scenario}: no sample can be certified: {reason}")
-    stored = {level: getattr(truth, level)[:kept].astype(float) for level in LEVELS}
-    multipliers = first.multipliers if len(first.times) >= kept else None  # a closed form has none
-    stored["multipliers"] = np.zeros((kept, 0)) if multipliers is None else multipliers[:kept].astype(float)
+    stored = {level: getattr(truth, level)[:count].astype(float) for level in LEVELS}
+    multipliers = first.multipliers if len(first.times) >= count else None  # a closed form has none
+    stored["multipliers"] = np.zeros((count, 0)) if multipliers is None else multipliers[:count].astype(float)
     report("sensitivity", 0.0)
-    floor = floors(document, mechanism, truth.times[:kept])
+    floor = floors(document, mechanism, truth.times[:count])
     arrays: dict[str, Any] = stored | {f"floor_{level}": floor[level] for level in LEVELS}
     for level, bar in bars.items():
         has_no_error = (level in LEVELS and exact is not None) or not stored[level].size
-        arrays[f"error_{level}"] = np.zeros(kept) if has_no_error else bar[:kept]
+        arrays[f"error_{level}"] = np.zeros(count) if has_no_error else bar[:count]
     pipelines = []
     for motion in (first, second):
         entry = {"method": motion.method, "until": float(motion.times[-1]), "drift": list(motion.drift), "stopped": motion.stopped}
@@ -101,7 +101,7 @@ def certify(
         name=mechanism.name,
         scenario=mechanism.scenario,
         digest=mechanism.digest,
-        t=np.array([float(t) for t in truth.times[:kept]]),
+        t=np.array([float(t) for t in truth.times[:count]]),
         digits=int(np.floor(-np.log10(max(worst, ENOUGH)))),
         duration=duration,
         stopped=reason,
@@ -143,13 +143,16 @@ def sample_times(duration: float) -> list[str]:
 
 
 def split(values: NDArray[Any]) -> tuple[Array, Array]:
-    """Return numbers of any type as pairs of doubles: the nearest double, and the rest."""
+    """Return numbers of any type as sums of two doubles: the nearest double, and the remainder."""
     high = values.astype(float)
     return high, (values - high.astype(values.dtype)).astype(float)
 
 
 def distance(one: NDArray[Any], other: NDArray[Any]) -> Array:
-    """Return the largest difference of two arrays at each of their k common times (k,), computed with twice a double's digits."""
+    """Return the largest difference of two arrays at each of their k common times (k,), computed with twice a double's digits.
+
+    The arrays may have different types of number, of more digits than a double, which cannot be subtracted directly.
+    """
     k = min(len(one), len(other))
     (high, low), (other_high, other_low) = split(one[:k]), split(other[:k])
     return np.asarray(np.abs((high - other_high) + (low - other_low)).max(axis=-1, initial=0.0))
@@ -162,13 +165,13 @@ def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
     """
     largest = {}
     for level in (*LEVELS, "multipliers"):
-        one, two = getattr(truth, level), getattr(other, level)
-        largest[level] = np.zeros(len(other.times)) if one is None or two is None else np.maximum.accumulate(distance(one, two))
+        x, y = getattr(truth, level), getattr(other, level)
+        largest[level] = np.zeros(len(other.times)) if x is None or y is None else np.maximum.accumulate(distance(x, y))
     return largest
 
 
 def relative(motion: Motion, level: str, bars: Array) -> Array:
-    """Return error bars (k,) of a level "q", "v" or "a", relative to its largest size up to the same time, or to 1 if larger."""
+    """Return error bars (k,) of "q", "v" or "a" (`level`), relative to its largest size up to the same time, or to 1 if larger."""
     largest = np.abs(getattr(motion, level)[: len(bars)].astype(float)).max(axis=-1, initial=0.0)
     return np.asarray(bars / np.maximum(1.0, np.maximum.accumulate(largest)))
 
@@ -190,12 +193,12 @@ def _collocate(
     is_geometry = mechanism.dof == len(mechanism.drivers)  # a motion that drivers prescribe does not depend on the step
     for _ in range(1 if is_geometry else 1 + HALVINGS):
         progress = partial(report, f"collocation at {step:.2g} s")
-        other = extend_motion(document, mechanism.scenario, truth.times, step, progress)
-        worst = float(state_errors(truth, disagreement(truth, other)).max())
-        longer = best is None or len(other.times) > len(best.times)  # it got further in time: the errors cannot be compared
-        if longer or worst < before:
-            best, best_step = other, step
-        if worst <= ENOUGH or (worst > before / 4 and not longer):
+        motion = extend_motion(document, mechanism.scenario, truth.times, step, progress)
+        worst = float(state_errors(truth, disagreement(truth, motion)).max())
+        is_longer = best is None or len(motion.times) > len(best.times)  # of motions of different length, errors are not compared
+        if is_longer or worst < before:
+            best, best_step = motion, step
+        if worst <= ENOUGH or (worst > before / 4 and not is_longer):
             break
         before, step = worst, step / 2
     assert best is not None
@@ -208,24 +211,24 @@ def _certified_part(truth: Motion, bars: dict[str, Array], pipelines: Sequence[M
     `bars` are the error bars (k,) of "q" and "v" of the motion `truth`, and `pipelines` the two computed motions.
     """
     errors = state_errors(truth, bars)
-    lost = np.flatnonzero(~(errors <= 10.0**-digits))  # samples with too large or NaN errors
-    kept = int(lost[0]) if len(lost) else len(errors)
-    worst = float(errors[:kept].max(initial=0.0))
-    if kept == len(truth.times) and not truth.stopped:
-        return kept, worst, ""
-    stopped = [motion.stopped for motion in pipelines if motion.stopped and len(motion.times) <= kept]
+    refused = np.flatnonzero(~(errors <= 10.0**-digits))  # samples with too large or NaN errors
+    count = int(refused[0]) if len(refused) else len(errors)
+    worst = float(errors[:count].max(initial=0.0))
+    if count == len(truth.times) and not truth.stopped:
+        return count, worst, ""
+    stopped = [motion.stopped for motion in pipelines if motion.stopped and len(motion.times) <= count]
     if stopped:
-        return kept, worst, "; ".join(stopped)
+        return count, worst, "; ".join(stopped)
     # the growth of errors is measured from the time `earlier`, until which three more digits were correct
-    last = float(truth.times[kept - 1]) if kept else 0.0
+    last = float(truth.times[count - 1]) if count else 0.0
     earlier = float(truth.times[int(np.argmax(errors > 10.0 ** -(digits + 3)))])
     rate = f"tenfold every {(last - earlier) / 3:.2g} s" if last > earlier else "at once"
     until = f"the pipelines agree to {digits} digits until t = {last:g} s and to fewer after"
-    return kept, worst, f"{until}: small errors grow {rate} in this motion"
+    return count, worst, f"{until}: small errors grow {rate} in this motion"
 
 
 def write_certificate(certificate: Certificate, path: Path) -> None:
-    """Write the file atomically; the same certificate gives the same bytes."""
+    """Write a certificate to a file atomically; the same certificate gives the same bytes."""
     header = {x.name: getattr(certificate, x.name) for x in fields(certificate) if x.name not in ARRAYS}
     arrays = {name: getattr(certificate, name) for name in ARRAYS}
     write_arrays(path, header=json.dumps({"format": FORMAT, **header}, sort_keys=True), **arrays)

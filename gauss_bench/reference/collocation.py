@@ -25,7 +25,7 @@ from gauss_bench.terms import Array
 
 STAGES = 8
 ITERATIONS = 40  # largest number of fixed-point iterations in a step
-NEWTON_STEPS = 3  # from roots in double precision: the first step reaches long double, the others make sure
+NEWTON_STEPS = 3  # the first step, from roots in double precision, reaches long double; the others are a margin
 
 BatchAcceleration = Callable[[Array, Array, Array], Array]  # t (k,), q, v (k, n) -> a (k, n)
 
@@ -48,7 +48,7 @@ class Tableau:
     expansion: Array
 
     def forecast(self, ratio: Any = 1) -> Array:
-        """Return the matrix (s, s) from values at the nodes of a step to those at the next step, which is `ratio` times as long."""
+        """Return the matrix (s, s) that extrapolates values at the nodes of a step to those of the next, `ratio` times as long."""
         return np.asarray(legendre_values(1 + 2 * ratio * self.c, len(self.c)).T @ self.expansion)
 
 

@@ -39,7 +39,7 @@ def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
 
 
 def sample(coordinates: Callable[[Any], Numbers], t: Sequence[Any]) -> States:
-    """Return q, v, a (k, n) at times t (k,), given the coordinates (n,) as a function of time, by numerical derivatives.
+    """Return q, v, a (k, n) at times t (k,), by numerical derivatives of the coordinates (n,) as a function of time.
 
     mpmath uses as many additional digits as the differences lose. Values as small as rounding errors become zero.
     """
@@ -79,6 +79,7 @@ def _n_four_bar(name: str, t: list[Any]) -> States:
     speed = mpmath.mpf(str(generate.SPEED)) / length  # angular velocity of the uprights [rad/s]
 
     def coordinates(time: Any) -> Numbers:
+        """Return the coordinates (n,) of all bars at a time [s]."""
         theta = mpmath.pi / 2 - _pendulum_angle(k, time, speed)
         top, zero = length * mpmath.expj(theta), mpmath.mpf(0)  # top of the first upright, and the angle of a horizontal bar
         uprights = [(top / 2 + i * length, theta) for i in range(count + 1)]
@@ -105,6 +106,7 @@ def _pendulum(name: str, t: list[Any]) -> States:
     w0, k = mpmath.sqrt(3 * gravity / (2 * length)), mpmath.sin(A / 2)
 
     def coordinates(time: Any) -> Numbers:
+        """Return the coordinates (3,) of the bar at a time [s]."""
         theta = 2 * mpmath.asin(k * mpmath.ellipfun("cd", w0 * time, m=k**2)) - mpmath.pi / 2
         return stack_bodies([(length / 2 * mpmath.expj(theta), theta)])
 
@@ -156,13 +158,13 @@ def _sleigh(name: str, t: list[Any]) -> States:
 
     q, v, a = sample(from_edge, t)
     edge_velocity, edge_acceleration, _ = sample(edge_rate, t)
-    places, place, last = [], mpmath.mpc(0), mpmath.mpf(0)
+    edges, edge, last = [], mpmath.mpc(0), mpmath.mpf(0)  # positions of the knife edge, which starts at the origin
     for x in t:
         if x > last:
-            place += mpmath.quad(velocity, [last, x])
+            edge += mpmath.quad(velocity, [last, x])
         last = x
-        places.append(stack_bodies([(place, mpmath.mpf(0))]))
-    return q + np.array(places), v + edge_velocity, a + edge_acceleration
+        edges.append(stack_bodies([(edge, mpmath.mpf(0))]))
+    return q + np.array(edges), v + edge_velocity, a + edge_acceleration
 
 
 FORMS: dict[tuple[str, str], Callable[[str, list[Any]], States]] = {

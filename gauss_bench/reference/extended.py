@@ -42,7 +42,7 @@ ITERATIONS = 40  # largest number of corrections in a step
 SETTLED = 1e-15  # relative size of corrections that are rounding if they do not shrink
 HALVINGS = 8  # largest number of times that steps are halved
 RESOLVED = 1e-9  # largest size of the last coefficients relative to the accelerations: the error of a step is below its square
-SMOOTH = 1e-13  # size of the last coefficients below which steps twice as long, with coefficients 2^9 times as large, resolve too
+SMOOTH = 1e-13  # size of the last coefficients below which steps twice as long suffice: their coefficients are 2^9 times as large
 MOVED = 1e-2  # relative size of a correction after which the inverse is computed again
 HOPELESS = 0.1  # relative size of a correction that is too large after PATIENCE corrections
 PATIENCE = 6
@@ -59,8 +59,8 @@ def extend_motion(
     Args:
         document: the linkage file with decimals kept as text, after the scenario's `override` has been merged into it.
         times: sample times as decimal texts [s], ascending from "0".
-        step: largest step [s]; steps between two samples are equal, and halved where the motion needs it.
-        progress: called with each sample time that is reached.
+        step: largest step [s]; steps between two samples are equal, and halved until they resolve the motion.
+        progress: function that is called with each sample time that is reached.
 
     Raises:
         ArithmeticError: long double has no more digits than double here, dry friction acts, or the start is singular.
@@ -122,7 +122,7 @@ class Linkage:
         mechanism = self.mechanism = build_mechanism(document, scenario, "", "", LONG)
         if mechanism.has_friction:
             raise ArithmeticError("dry friction in joints: the collocation in long double has no equations for it")
-        free = replace(mechanism, drivers=())  # the scenario's prescribed values, `held`, stand for the drivers at the start
+        free = replace(mechanism, drivers=())  # at the start, the scenario's prescribed values `held` take the place of the drivers
         close = Constraints(replace(free, knife_edges=())).residual  # knife edges restrict no positions
         held = list_held(mechanism, document["scenarios"][scenario], LONG)  # prescribed coordinates, with target values and rates
 
@@ -220,34 +220,41 @@ def collocate_states(linkage: Linkage, times: list[Any], step: float) -> Iterato
     state = Step(q, v, np.tile(a, (STAGES, 1)), LONG(step))
     yield q, v
     for begin, end in pairwise(times):
-        state = _interval(linkage, method, begin, end, state, step_count(end - begin, step))
+        state = _integrate_interval(linkage, method, begin, end, state, step_count(end - begin, step))
         yield state.q, state.v
 
 
-def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: Step, count: int) -> Step:
-    """Integrate from one sample to the next in `count` equal steps, which are halved until they resolve the motion."""
+def _integrate_interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: Step, count: int) -> Step:
+    """Integrate from one sample to the next in `count` equal steps, which are halved until they resolve the motion.
+
+    Return the last step, with the number of halvings and the largest `tail` of all steps.
+
+    Raises:
+        NoConvergence, Unsolved: the steps do not resolve the motion after HALVINGS halvings.
+    """
     # a very small `tail` shows that the steps of the interval before were shorter than necessary
     first = state.halvings - 1 if state.tail < SMOOTH else state.halvings
     for halvings in range(max(0, first), HALVINGS + 1):
+        steps = count << halvings  # count times 2^halvings
         try:
-            h, moved, tail = (end - begin) / (count << halvings), state, 0.0
-            for k in range(count << halvings):
-                moved = _step(linkage, method, begin + k * h, h, moved)
-                tail = max(tail, moved.tail)
-            return replace(moved, halvings=halvings, tail=tail)
+            h, latest, tail = (end - begin) / steps, state, 0.0
+            for k in range(steps):
+                latest = _take_step(linkage, method, begin + k * h, h, latest)
+                tail = max(tail, latest.tail)
+            return replace(latest, halvings=halvings, tail=tail)
         except (NoConvergence, Unsolved) as error:
             last_error = error
     raise last_error
 
 
-def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Step:
+def _take_step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Step:
     """Take a step of length h from the time t, which begins where the previous step `state` ends; return the new step.
 
     Raises:
         NoConvergence: the accelerations at the nodes are not found, or the nodes do not resolve the accelerations.
         Unsolved: a position is singular, or the end of the step cannot be projected onto the constraints.
     """
-    a = _nodes(linkage, method, t, h, state)
+    a = _solve_nodes(linkage, method, t, h, state)
     tail = float(np.abs(method.expansion[-2:] @ a).max() / (1.0 + np.abs(a).max()))
     if tail > RESOLVED:
         raise NoConvergence(f"t = {float(t):.6g} s: steps of {float(h):.2g} s resolve the accelerations only to {tail:.1e}")
@@ -256,7 +263,7 @@ def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ste
     return Step(q, v, a, h, tail=tail)
 
 
-def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Array:
+def _solve_nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Array:
     """Return the accelerations (s, n) at the nodes of the step that begins at t and has the length h.
 
     The first guess of the multipliers is zero, so that redundant constraint rows give multipliers of the smallest norm.

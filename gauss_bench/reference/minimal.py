@@ -28,14 +28,14 @@ from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.terms import Array
 
-LARGEST_TURN = 0.15  # [rad] between two closures: with a predictor Newton's method keeps its branch at much larger turns
+LARGEST_TURN = 0.15  # [rad] between two closures; with a predictor, Newton's method keeps its branch at much larger turns
 NEWTON_STEPS = 12  # largest number of Newton steps of a closure
 Closed = tuple[Array, Array, Array]  # q, dq/dtheta and d2q/dtheta2 (k, n) at k crank angles
 Levels = tuple[Array, Array, Array]  # q, v, a (k, n)
 
 
 def _state(closed: Closed, w: Array, w_dot: Array) -> Levels:
-    """Return q, v, a (k, n) at crank speeds and accelerations (k,)."""
+    """Return q, v, a (k, n) at closed positions, for crank speeds w and accelerations w_dot (k,)."""
     q, d, e = closed
     return q, d * w[:, None], d * w_dot[:, None] + e * w[:, None] ** 2
 
@@ -88,12 +88,12 @@ class MinimalCoordinate:
             LostClosure: Newton's method does not converge.
         """
         q, d, e = (np.tile(x, (len(theta), 1)) for x in self.last)
-        gap = theta - q[:, self.crank]
-        parts = max(1, int(np.ceil(np.abs(gap).max(initial=0.0) / LARGEST_TURN)))
+        total_turn = theta - q[:, self.crank]  # (k,) turns from the last closed position to the angles, made in equal parts
+        parts = max(1, int(np.ceil(np.abs(total_turn).max(initial=0.0) / LARGEST_TURN)))
         for part in range(1, parts + 1):
-            goal = theta - gap * (1 - part / parts)
+            goal = theta - total_turn * (1 - part / parts)
             turn = (goal - q[:, self.crank])[:, None]
-            try:
+            try:  # Newton's method starts at the Taylor polynomial of second order from the position before
                 q, d, e = self._close(q + turn * (d + turn / 2 * e), goal)
             except np.linalg.LinAlgError as error:
                 between = "" if goal.min() == goal.max() else f" and {goal.max():.6f}"
@@ -129,7 +129,7 @@ class MinimalCoordinate:
         return _state(self.geometry(theta), w, w_dot)
 
     def state_at(self, t: float) -> Levels:
-        """Return q, v, a (1, n) at a time [s] of the driver's law."""
+        """Return q, v, a (1, n) of a driven linkage at a time [s] of the driver's law."""
         assert self.mechanism.driver is not None
         return self.state(*(np.atleast_1d(x).astype(float) for x in self.mechanism.driver.law(t)))
 
@@ -176,12 +176,12 @@ class MinimalCoordinate:
         ends = []
         for sign in (-1.0, 1.0):
             self.reset()
-            end = 0
+            reached = 0  # [degrees] from the start
             for stride in (8, 1):  # [degrees] first long strides until one fails, then short ones from the last closed angle
                 with suppress(LostClosure):
-                    for degree in range(end + stride, 361, stride):
+                    for degree in range(reached + stride, 361, stride):
                         self.geometry(np.array([start + sign * np.radians(degree)]))
-                        end = degree
-            ends.append(start + sign * np.radians(end))
+                        reached = degree
+            ends.append(start + sign * np.radians(reached))
         self.reset()
         return ends[0], ends[1]

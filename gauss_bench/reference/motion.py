@@ -12,7 +12,7 @@ from gauss_bench.linkage.closure import assemble
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.numbers import Number, exact
 
-Progress = Callable[[float], None]  # takes the time reached [s]
+Progress = Callable[[float], None]  # a function that is called with the time [s] that a computation has reached
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +46,8 @@ def assemble_doubles(document: dict[str, Any], scenario: str) -> Mechanism:
     Raises:
         AssemblyError: the linkage cannot be assembled.
     """
-    rough = json.loads(json.dumps(document, default=float))  # every Decimal as the nearest double
-    return assemble(build_mechanism(rough, scenario, "", ""), rough)
+    in_doubles = json.loads(json.dumps(document, default=float))  # every Decimal as the nearest double
+    return assemble(build_mechanism(in_doubles, scenario, "", ""), in_doubles)
 
 
 def find_breaks(driver: dict[str, Any], number: Number) -> list[Any]:

@@ -20,7 +20,7 @@ from gauss_bench.mechanism.close import RANK_TOLERANCE
 from gauss_bench.terms import Array
 
 EPS = float(np.finfo(np.longdouble).eps)
-CORRECTIONS = 30  # largest number of corrections; with a condition of 1e6 each finds ten digits
+CORRECTIONS = 30  # largest number of corrections; with a condition number of 1e6 each finds ten digits
 
 
 class Unsolved(ArithmeticError):

@@ -1,7 +1,7 @@
 """The floor of double precision: the change of a motion if every parameter of its linkage changes by a relative 1e-16.
 
-An engine that rounds decimals such as 0.37 to double precision computes the motion of a slightly different linkage. Errors below
-the distance between both motions, the floor, therefore tell nothing about an engine.
+An engine that rounds decimals such as 0.37 to double precision computes the motion of a slightly different linkage. The distance
+between the two motions is the floor: errors below it say nothing about the engine.
 
 To find the floor, all numbers of the document are multiplied by 1 + delta xi with random xi in -1..1, and the motion is computed
 again. The perturbation delta is far above the rounding of both computations, and so small that the change of the motion is
@@ -24,14 +24,15 @@ DELTA = 1e-9  # relative change of the numbers of a neighbouring linkage
 DRAWS = 6  # number of neighbouring linkages
 SEED = 20161231
 DYNAMIC = ("mass", "inertia", "kg_per_m", "value", "k", "c", "rest")  # keys of numbers that do not change the geometry
-TABLES = ("ground", "links", "joints", "constraints", "forces", "gravity")  # tables of the document with parameters
-STARTS = ("start", "driver", "drivers")  # tables of a scenario with parameters
+TABLES = ("ground", "links", "joints", "constraints", "forces", "gravity")  # keys of the document under which parameters stand
+STARTS = ("start", "driver", "drivers")  # keys of a scenario under which parameters stand
 
 
 def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str]) -> dict[str, Array]:
-    """Return "q", "v" or "a" -> the floor (k,) at k times: the largest change up to each time, multiplied by ROUNDING / DELTA.
+    """Return "q", "v" or "a" -> the floor (k,) at k times (decimal texts [s]).
 
-    The floor is NaN at times that none of the DRAWS changed motions reaches.
+    The floor is the largest change up to each time in DRAWS motions of changed linkages, multiplied by ROUNDING / DELTA. It is NaN
+    at times that none of these motions reaches.
     """
     rng = np.random.default_rng(SEED)
     # double precision suffices, because DELTA is much larger than its rounding

@@ -26,14 +26,14 @@ def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
     """
     if certified := find_certified(mechanism, t_end):
         return certified
-    # the name has a hash of all that a built reference depends on
+    # the file's name has a hash of everything on which a built reference depends
     sources = source_digest("reference", "linkage", "mechanism", "terms.py")
-    made_of = content_digest(mechanism.sha256, mechanism.scenario, t_end, np.__version__, sources)
-    path = folder / f"{mechanism.name}.{mechanism.scenario}.{made_of[:16]}.npz"
+    digest = content_digest(mechanism.sha256, mechanism.scenario, t_end, np.__version__, sources)
+    path = folder / f"{mechanism.name}.{mechanism.scenario}.{digest[:16]}.npz"
     if path.exists():
         if stored := read_reference(path):
             return stored
-        print(harmless(f"warning: {path}: is not as it was written; the reference is built again"), file=sys.stderr)
+        print(harmless(f"warning: {path}: is damaged; the reference is built again"), file=sys.stderr)
     reference = build_reference(mechanism, t_end)
     arrays = {name: getattr(reference, name) for name in FIELDS}
     write_arrays(path, digest=content_digest(reference), method=reference.method, **arrays)
@@ -43,9 +43,9 @@ def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
 def write_arrays(path: Path, **arrays: Any) -> None:
     """Write named arrays and texts to a file .npz atomically; the same arrays give the same bytes."""
 
-    def write(part: Path) -> None:
-        """Write the incomplete file; given a path instead of a file, numpy would append .npz to its name."""
-        with part.open("wb") as file:
+    def write(draft: Path) -> None:
+        """Write the arrays to a temporary file; given its path instead of the open file, numpy would append .npz to its name."""
+        with draft.open("wb") as file:
             np.savez_compressed(file, **arrays)
 
     atomically(path, write)

@@ -44,6 +44,7 @@ class Verification:
 
     @property
     def passed(self) -> bool:
+        """Whether both errors are below their limits."""
         return self.state_error < STATE_LIMIT and self.balance_error < BALANCE_LIMIT
 
 
@@ -67,21 +68,22 @@ def _integrate_windows(certificate: Certificate, mechanism: Mechanism) -> tuple[
     t = certificate.t
     starts = np.unique(np.linspace(0, max(len(t) - 2, 0), WINDOWS).astype(int))  # indices of samples
     integrate = minimal_motion if is_minimal(mechanism) and not mechanism.drivers else absolute_motion
-    worst, done = 0.0, 0
+    worst, count = 0.0, 0
     for k in starts:
         length = min(WINDOW, t[-1] - t[k])
         end = int(np.searchsorted(t, t[k] + length * (1 + 1e-9), side="right")) - 1
         if end <= k:  # samples are farther apart than a window: it ends at the next sample
             end = min(k + 1, len(t) - 1)
-        if end == k:
+        if end == k:  # the motion has a single sample
             continue
-        here = replace(mechanism, q0=certificate.q[k], v0=certificate.v[k])
+        started = replace(mechanism, q0=certificate.q[k], v0=certificate.v[k])
         # only drivers depend on time; without them every window begins at time 0
-        q, v, _ = integrate(here, t[[k, end]] - (0.0 if mechanism.drivers else t[k]))
-        for found, level in ((q, certificate.q), (v, certificate.v)):
-            worst = max(worst, float(np.abs(found[-1] - level[end]).max() / max(1.0, np.abs(level).max())))
-        done += 1
-    return done, worst
+        q, v, _ = integrate(started, t[[k, end]] - (0.0 if mechanism.drivers else t[k]))
+        for computed, certified in ((q, certificate.q), (v, certificate.v)):
+            error = np.abs(computed[-1] - certified[end]).max()
+            worst = max(worst, float(error / max(1.0, np.abs(certified).max())))
+        count += 1
+    return count, worst
 
 
 def _largest_residual(certificate: Certificate, mechanism: Mechanism) -> float:
@@ -92,11 +94,11 @@ def _largest_residual(certificate: Certificate, mechanism: Mechanism) -> float:
     evaluator = Evaluator(mechanism)
     t, q, v, a = certificate.t, certificate.q, certificate.v, certificate.a
     rows = evaluator.constraints(t, q, v)
-    size = np.abs(rows.J)
+    abs_J = np.abs(rows.J)
     pairs = [  # each residual, and the size of its terms; 1 is added, so that residuals of small terms are judged absolutely
         (rows.phi[:, : evaluator.constraints.holonomic], 1.0 + np.abs(q).max()),
-        ((rows.J @ v[..., None])[..., 0] + rows.phi_t, 1.0 + (size @ np.abs(v)[..., None]).max(initial=0.0)),
-        ((rows.J @ a[..., None])[..., 0] - rows.gamma, 1.0 + (size @ np.abs(a)[..., None]).max(initial=0.0)),
+        ((rows.J @ v[..., None])[..., 0] + rows.phi_t, 1.0 + (abs_J @ np.abs(v)[..., None]).max(initial=0.0)),
+        ((rows.J @ a[..., None])[..., 0] - rows.gamma, 1.0 + (abs_J @ np.abs(a)[..., None]).max(initial=0.0)),
     ]
     if certificate.multipliers.shape[1]:
         Q = evaluator.applied.generalised(q, v)

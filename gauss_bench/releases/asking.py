@@ -1,6 +1,6 @@
 """Run all computations ("questions") of the comparison with one release, in a worker of the release's environment.
 
-A single result is a figure.
+The result of one computation is a `Figure`.
 """
 
 import re
@@ -15,17 +15,7 @@ import numpy as np
 from gauss_bench.bench.measure import mechanism_of
 from gauss_bench.mechanism.evaluate import evaluator_of
 from gauss_bench.metrics import drift, state_errors
-from gauss_bench.releases.cases import (
-    FIRST,
-    SAMPLES,
-    SHIFTS,
-    STATES,
-    STEP,
-    Case,
-    list_cases,
-    states_of,
-    truth_of,
-)
+from gauss_bench.releases.cases import FIRST, SAMPLES, SHIFTS, STATES, STEP, Case, list_cases, states_of, truth_of
 from gauss_bench.releases.compare import CLOSURE, DEFAULT, STEPS, Figure, relative_difference
 from gauss_bench.releases.environments import Release
 from gauss_bench.releases.library import Library
@@ -42,7 +32,7 @@ MOVING, RESTING, MOTION, DRIFT = "accelerations in motion", "accelerations at re
 LIMIT = 20.0  # [s] time limit of one question
 BUDGET = 90.0  # [s] default of the time for all questions to one release
 LONGEST = 160  # largest number of characters of a message
-FOLDERS = re.compile(r"(/[\w.+-]+)+/(?=[\w.+-]+)")  # folders in a path, which belong to this machine
+FOLDERS = re.compile(r"(/[\w.+-]+)+/(?=[\w.+-]+)")  # the folders of a path, which differ between machines
 CASES = "release_cases"  # module of an engine's folder that builds probes and reads defaults
 
 
@@ -51,7 +41,8 @@ class Answers:
     """The results that one release of an engine's library computed.
 
     Attributes:
-        library: name and version that the library reports.
+        version: number of the release; library: name and version that the library reports.
+        python, numpy: versions in the environment of the release.
         how: text that says whether the hash of the release's file was checked.
         figures: the results, one for each question; empty if the release cannot be used.
         left_out: number of cases (a linkage with a setting) that were not run within the time budget.
@@ -70,6 +61,7 @@ class Answers:
 
     @property
     def usable(self) -> bool:
+        """Whether the release gave results."""
         return self.status == Status.OK
 
 
@@ -114,13 +106,12 @@ def distrust(answers: Answers) -> Answers:
     This happens, for example, if numpy reads the library's arrays wrongly.
     """
     computed = [x for x in answers.figures if x.quantity != DEFAULT]
-    through_adapter = [x for x in computed if x.quantity in (MOVING, RESTING) and x.status != Status.SKIP]
-    trusted = any(x.status == Status.OK for x in through_adapter) or not through_adapter
-    if trusted and any(x.status == Status.OK for x in computed):
+    by_adapter = [x for x in computed if x.quantity in (MOVING, RESTING) and x.status != Status.SKIP]
+    is_accepted = any(x.status == Status.OK for x in by_adapter) or not by_adapter
+    if is_accepted and any(x.status == Status.OK for x in computed):
         return answers
-    failed = through_adapter if through_adapter else computed
-    reasons = dict.fromkeys(x.message for x in failed if x.message)
-    message = f"every case fails: {next(iter(reasons), 'none was asked')}"
+    reasons = [x.message for x in by_adapter or computed if x.message]
+    message = f"every case fails: {reasons[0] if reasons else 'none was asked'}"
     return replace(answers, figures=(), status=str(Status.ERROR), message=message)
 
 
@@ -132,27 +123,28 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
     """
     linkage, scenario, choice = case
     mechanism, states = mechanism_of(linkage, scenario), states_of(linkage, scenario)
-    wanted = sampling_at(STEP, SAMPLES if linkage == FIRST else [0.0, STEP])  # other runs only ask for accelerations
+    # on other linkages than FIRST the run is one step long, because only accelerations are read
+    sampling = sampling_at(STEP, SAMPLES if linkage == FIRST else [0.0, STEP])
     ask = partial(accelerations, states.t, states.q, states.v)
-    request = Request(mechanism.name, mechanism.scenario, name, choice, wanted, ask, answers=states.q.size)
+    request = Request(mechanism.name, mechanism.scenario, name, choice, sampling, ask, answers=states.q.size)
     run = run_apart(request, mechanism, LIMIT, worker)
     setting = " ".join(x for x in (choice.settings, choice.integrator, choice.stabilization) if x != "none")
-    place = mechanism.name, setting  # the fields `case` and `setting` of every figure
+    names = mechanism.name, setting  # the fields `case` and `setting` of every figure
     if isinstance(run.answer, np.ndarray) and run.answer.shape == states.q.shape:
-        yield from read_accelerations(*place, run.answer, states.a)
+        yield from read_accelerations(*names, run.answer, states.a)
     else:
         for quantity in (MOVING, RESTING):
-            yield Figure(quantity, *place, str(run.status), run.message)
+            yield Figure(quantity, *names, str(run.status), run.message)
     if linkage != FIRST:
         return
     if run.trajectory is None:
-        yield Figure(MOTION, *place, str(run.status), run.message)
+        yield Figure(MOTION, *names, str(run.status), run.message)
         return
     shifted = []  # runs from slightly changed starts, which show how much rounding alone changes the result
     for seed in range(SHIFTS):
-        again = replace(request, ask=ask_nothing, answers=0, alter=partial(shift_start, seed))
-        shifted.append(run_apart(again, mechanism, LIMIT, worker))
-    yield from read_motion(case, place, run, [x for x in shifted if x.trajectory], choice.integrator in offered.adaptive)
+        changed = replace(request, ask=ask_nothing, answers=0, alter=partial(shift_start, seed))
+        shifted.append(run_apart(changed, mechanism, LIMIT, worker))
+    yield from read_motion(case, names, run, [x for x in shifted if x.trajectory], choice.integrator in offered.adaptive)
 
 
 def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> Iterator[Figure]:
@@ -169,28 +161,28 @@ def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> I
         yield Figure(quantity, case, setting, values=groups[0, k], shifted=groups[1:, k], error=error)
 
 
-def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[Run], adaptive: bool) -> Iterator[Figure]:
+def read_motion(case: Case, names: tuple[str, str], run: Run, shifted: Sequence[Run], adaptive: bool) -> Iterator[Figure]:
     """Yield the results of a run: its motion, the gaps of loops at its end, and the number of steps that its integrator chose.
 
     Args:
-        place: names of the linkage and the setting, for the keys of the results.
+        names: names of the linkage and the setting, for the keys of the results.
         shifted: the same run from slightly changed starts.
         adaptive: whether the integrator chooses its steps.
     """
     assert run.trajectory is not None
     linkage, scenario, _ = case
     mechanism, truth = mechanism_of(linkage, scenario), truth_of(linkage, scenario)
-    others = [x.trajectory for x in shifted if x.trajectory is not None]
+    shifted_motions = [x.trajectory for x in shifted if x.trajectory is not None]
     errors = state_errors(mechanism, run.trajectory, truth)
     error = float(max(errors.length.max(), errors.angle.max()))
-    yield Figure(MOTION, *place, values=run.trajectory.q, shifted=np.array([x.q for x in others]), error=error)
-    last = [float(drift(evaluator_of(mechanism), x).position[-1]) for x in (run.trajectory, *others)]
-    gaps = [np.array([[gap, 1.0]]) for gap in last]  # the 1.0 makes differences relative to 1 m or 1 rad, and not to a tiny gap
-    yield Figure(DRIFT, *place, values=gaps[0], shifted=np.array(gaps[1:]), error=last[0])
-    steps = [x.steps for x in (run.trajectory, *others)]
+    yield Figure(MOTION, *names, values=run.trajectory.q, shifted=np.array([x.q for x in shifted_motions]), error=error)
+    last_gaps = [float(drift(evaluator_of(mechanism), x).position[-1]) for x in (run.trajectory, *shifted_motions)]
+    gaps = [np.array([[gap, 1.0]]) for gap in last_gaps]  # the 1.0 makes differences relative to 1 m or 1 rad, not to a tiny gap
+    yield Figure(DRIFT, *names, values=gaps[0], shifted=np.array(gaps[1:]), error=last_gaps[0])
+    steps = [x.steps for x in (run.trajectory, *shifted_motions)]
     if adaptive and None not in steps:
         counts = [np.array([[x]], dtype=float) for x in steps]
-        yield Figure(STEPS, *place, values=counts[0], shifted=np.array(counts[1:]))
+        yield Figure(STEPS, *names, values=counts[0], shifted=np.array(counts[1:]))
 
 
 def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
@@ -204,13 +196,17 @@ def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
 
 
 def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
-    """Yield the accelerations of probes, which are small models with one kind of loop closure, or the reason why there are none."""
-    module = f"{library.adapter_package}.{CASES}"  # the engine's functions that build and ask probes
-    listed = call_engine_function(worker, f"{module}:list_probes")
-    if isinstance(listed, str):
-        yield Figure(CLOSURE, "", "all", str(Status.ERROR), listed)
+    """Yield the accelerations of probes, which are small models with one kind of loop closure each.
+
+    In place of the results of a probe, or of all probes, a figure has the reason of a failure.
+    """
+    module = f"{library.adapter_package}.{CASES}"  # the engine's functions that build probes and compute their accelerations
+    probes = call_engine_function(worker, f"{module}:list_probes")
+    if isinstance(probes, str):
+        yield Figure(CLOSURE, "", "all", str(Status.ERROR), probes)
         return
-    for name, model in ((x["name"], x["model"]) for x in listed):  # kind of closure, as the library names it, and its model
+    for probe in probes:
+        name, model = probe["name"], probe["model"]  # kind of closure, as the library names it, and its model
         states = states_of_probe(model)
         answer = call_engine_function(worker, f"{module}:ask_probe", name, states.q, states.v)
         if isinstance(answer, np.ndarray) and answer.shape == states.q.shape and np.isfinite(answer).all():
@@ -222,13 +218,13 @@ def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
                 yield Figure(f"{CLOSURE}, {quantity}", model, name, str(Status.ERROR), message)
 
 
-def call_engine_function(worker: Worker, place: str, *arguments: object) -> Any:
-    """Return the result of a function MODULE:FUNCTION in the worker process, or a text with the reason if the call fails.
+def call_engine_function(worker: Worker, address: str, *arguments: object) -> Any:
+    """Call the function at `address` (MODULE:FUNCTION) in a worker process; return its result, or the reason of a failure as text.
 
-    No function that is called here returns a text itself.
+    A text always is such a reason, because no function that is called here returns a text.
     """
     try:
-        return worker.call(call_by_name, (place, *arguments), LIMIT)
+        return worker.call(call_by_name, (address, *arguments), LIMIT)
     except WorkerFailure as failure:
         return str(failure)
 
@@ -242,7 +238,8 @@ def as_data(answers: Answers) -> dict[str, Any]:
 def from_data(data: Mapping[str, Any]) -> Answers:
     """Return the answers of a release, given the dictionary that `as_data` made of them."""
     figures = []
-    for x in data["figures"]:  # lists of numbers are empty if the release gave none
+    for x in data["figures"]:
+        # an empty list has lost the number of axes of its array
         values, shifted = np.array(x["values"] or np.zeros((0, 0))), np.array(x["shifted"] or np.zeros((0, 0, 0)))
         figures.append(Figure(**x | {"values": values, "shifted": shifted}))
     return Answers(**{**data, "figures": tuple(figures)})

@@ -44,11 +44,11 @@ def list_cases(offer: Offer) -> list[Case]:
     """Return the cases of an engine: every variant and setting on the linkage FIRST, and every setting on the other linkages."""
     # name of a setting or variant -> integrator and stabilization
     variants = {name: (x.integrator, x.stabilization) for name, x in offer.variants.items()}
-    plain = dict.fromkeys(offer.settings, (offer.integrators[0], "none"))
-    cases = [(FIRST, "", Choice(name, *chosen, STEP)) for name, chosen in (plain | variants).items()]
+    settings = dict.fromkeys(offer.settings, (offer.integrators[0], "none"))
+    cases = [(FIRST, "", Choice(name, *method, STEP)) for name, method in (settings | variants).items()]
     for text in FURTHER:
         linkage, scenario = linkage_of(text)
-        cases += [(linkage, scenario, Choice(name, *chosen, STEP)) for name, chosen in plain.items()]
+        cases += [(linkage, scenario, Choice(name, *method, STEP)) for name, method in settings.items()]
     return cases
 
 
@@ -61,13 +61,13 @@ def linkage_of(text: str) -> tuple[str, str]:
 
 @cache
 def states_of(linkage: str, scenario: str) -> Samples:
-    """Return the states of a linkage at which accelerations are computed, as `with_shifts` does.
+    """Return the states of a linkage at which accelerations are computed, with their true accelerations.
 
-    They are STATES random states and the same positions at rest, and then slightly changed copies of both.
+    They are STATES random states and the same positions at rest, and then slightly changed copies of both (`with_shifts`).
     """
     mechanism = mechanism_of(linkage, scenario)
-    drawn = random_states(mechanism, STATES, speed=SPEED)
-    q, v = np.concatenate([drawn.q, drawn.q]), np.concatenate([drawn.v, np.zeros_like(drawn.v)])
+    moving = random_states(mechanism, STATES, speed=SPEED)
+    q, v = np.concatenate([moving.q, moving.q]), np.concatenate([moving.v, np.zeros_like(moving.v)])
     t = np.zeros(len(q))
     a = AbsoluteCoordinates(mechanism).acceleration(t, q, v)
     return with_shifts(q, v, a)
@@ -82,9 +82,9 @@ def with_shifts(q: Array, v: Array, a: Array) -> Samples:
         q, v, a: (k, n) unchanged states, and their true accelerations.
     """
     rng = np.random.default_rng(0)
-    many = [(q, v), *((shift(q, rng), shift(v, rng)) for _ in range(SHIFTS))]
-    many_q, many_v = (np.concatenate(x) for x in zip(*many, strict=True))
-    return Samples(np.zeros(len(many_q)), many_q, many_v, a)
+    copies = [(q, v), *((shift(q, rng), shift(v, rng)) for _ in range(SHIFTS))]
+    all_q, all_v = (np.concatenate(x) for x in zip(*copies, strict=True))
+    return Samples(np.zeros(len(all_q)), all_q, all_v, a)
 
 
 @cache

@@ -124,7 +124,10 @@ def compare_figures(before: Figure, after: Figure) -> Change | None:
 
 
 def compare_releases(before: Iterable[Figure], after: Iterable[Figure]) -> list[Change]:
-    """Return the comparisons of all results that both releases were asked to compute, and of options that only one has."""
+    """Return the comparisons of all results that both releases were to compute, and of options that only one of them has.
+
+    Results without a comparison (`compare_figures`) are left out.
+    """
     old, new = ({x.key: x for x in figures} for figures in (before, after))
     changes = []
     for key in dict.fromkeys((*old, *new)):
@@ -135,7 +138,11 @@ def compare_releases(before: Iterable[Figure], after: Iterable[Figure]) -> list[
     return [x for x in changes if x]
 
 
-def real(changes: Sequence[Change]) -> list[Change]:
+def real_changes(changes: Sequence[Change]) -> list[Change]:
     """Return the real changes, the largest first; changes without a size, such as new defaults, come last."""
-    found = [x for x in changes if x.is_real]
-    return sorted(found, key=lambda x: (-x.difference if np.isfinite(x.difference) else 0.0, x.quantity, x.case, x.setting))
+
+    def rank(x: Change) -> tuple[float, str, str, str]:
+        """Return the sort key of a change: minus its size, or 0 if it has none, and then its names."""
+        return -x.difference if np.isfinite(x.difference) else 0.0, x.quantity, x.case, x.setting
+
+    return sorted((x for x in changes if x.is_real), key=rank)

@@ -39,10 +39,10 @@ Rows = list[dict[str, Any]]
 def race_releases(library: Library, releases: Sequence[Release], told: Callable[[str], None]) -> tuple[Rows, Rows]:
     """Time at least two releases, the oldest first; return their costs, and the changes of cost from one release to the next.
 
-    The costs are relative to the newest release. The changes are costs relative to the release before, of releases whose times
-    differ from that one's by more than the noise. `told` receives a sentence when a race begins.
+    The costs are relative to the newest release. The changes are costs relative to the release before, for releases whose times
+    differ from that one's by more than the noise. `told` is called with a sentence when a race begins.
 
-    Both are rows as `compare_times` makes them, with the columns `case`, `setting` and `work` (STEP_TIME or OVERHEAD) besides.
+    Both are rows of `compare_times` with the additional columns `case`, `setting` and `work` (STEP_TIME or OVERHEAD).
     """
     costs: Rows = []
     changes: Rows = []
@@ -53,18 +53,16 @@ def race_releases(library: Library, releases: Sequence[Release], told: Callable[
         times, failed = race(name, choice, entrants)
         for work in (STEP_TIME, OVERHEAD):
             measured = {version: x[work] for version, x in times.items()}
-            found = list_costs([*entrants], measured, failed)
-            differing = find_changes([x.version for x in releases], measured, NULL)
             what = {"case": name, "setting": setting, "work": work}
-            costs += [what | row for row in found]
-            changes += [what | row for row in differing]
+            costs += [what | row for row in list_costs([*entrants], measured, failed)]
+            changes += [what | row for row in find_changes([x.version for x in releases], measured, NULL)]
     return costs, changes
 
 
 def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[str, dict[str, Array]], dict[str, str]]:
-    """Time releases side by side in PROCESSES processes each, which build their models anew.
+    """Time releases side by side in PROCESSES processes each; every process builds its models itself.
 
-    Return version -> its times as `split` returns them, and version -> the reason why it could not be timed.
+    Return version -> its times (`split_times`), and version -> the reason why it could not be timed.
 
     Args:
         linkage: "LINKAGE:SCENARIO".
@@ -91,18 +89,18 @@ def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[s
     for version in entrants:
         if version not in failed:
             short, long = (np.concatenate([quartiles(x) for x in rounds[version, count]]) for count in (SHORT, LONG))
-            times[version] = split(short, long)
+            times[version] = split_times(short, long)
     return times, failed
 
 
-def split(short: Array, long: Array) -> dict[str, Array]:
+def split_times(short: Array, long: Array) -> dict[str, Array]:
     """Return the times STEP_TIME and OVERHEAD (processes,) [s], from those of runs with SHORT steps and with LONG steps."""
     step = (long - short) / (LONG - SHORT)
     return {STEP_TIME: step, OVERHEAD: short - SHORT * step}
 
 
 def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: Mapping[str, str]) -> Rows:
-    """Return the cost of every release of a library, relative to the newest release.
+    """Return the cost (`compare_times`) of every release of a library, relative to the newest release.
 
     Args:
         versions: versions of all releases, the newest last, and then NULL for the second timing of the newest release.
@@ -110,7 +108,7 @@ def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: M
         failed: version or NULL -> reason why it could not be timed.
     """
     newest, null = versions[-2:]
-    width = null_width(measured[null], measured[newest]) if {newest, null} <= measured.keys() else None
+    width = noise_of_ratios(measured[null], measured[newest]) if {newest, null} <= measured.keys() else None
     costs = []
     for version in versions:
         cost = compare_times(version, newest, measured, None if version in (newest, null) else width)
@@ -123,13 +121,13 @@ def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: M
 def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: str) -> Rows:
     """Return the costs of releases whose time differs from that of the release before them by more than the noise.
 
-    The release before is in the column `before`.
-    `versions` are in order, the newest last; `measured` maps a version, or `null`, to times (processes,) [s].
+    The column `before` has the version of the release before. `versions` are in order, the newest last; `measured` maps a version,
+    or `null` for the second timing of the newest, to times (processes,) [s].
     """
     timed = [x for x in versions if x in measured]
     if not timed or null not in measured:
         return []
-    width = null_width(measured[null], measured[timed[-1]])
+    width = noise_of_ratios(measured[null], measured[timed[-1]])
     costs = [{"before": before} | compare_times(after, before, measured, width) for before, after in pairwise(timed)]
     return [row for row in costs if row["verdict"] in ("slower", "faster")]
 
@@ -137,7 +135,7 @@ def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: s
 def compare_times(version: str, other: str, measured: Mapping[str, Array], width: float | None) -> dict[str, Any]:
     """Return the cost of the release `version` relative to the release `other`, as columns of the table `release_costs`.
 
-    Times and ratios of a release that is not in `measured` are NaN. Without the noise `width` there is no verdict on the ratio.
+    Times and ratios of a release that is not in `measured` are NaN. If the noise of ratios, `width`, is None, the verdict is empty.
     """
     times, others = (measured.get(x, NO_TIMES) for x in (version, other))
     ratio, low, high = ratio_of(times, others)
@@ -159,8 +157,12 @@ def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:
     return float(np.median(quotients)), low, high
 
 
-def null_width(null: Array, newest: Array) -> float:
-    """Return the noise of ratios: the distance from 1 to the farther end of the range of null / newest; infinite if not known."""
+def noise_of_ratios(null: Array, newest: Array) -> float:
+    """Return the noise of ratios: the distance from 1 to the farther end of the range of null / newest.
+
+    `null` and `newest` are the times (processes,) [s] of both timings of the newest release. The noise is infinite if the range is
+    not known.
+    """
     _, low, high = ratio_of(null, newest)
     return max(1.0 - low, high - 1.0) if np.isfinite(low) else float("inf")
 

@@ -23,12 +23,12 @@ from gauss_bench.releases.library import Library
 from gauss_bench.trajectory import in_a_sentence
 
 NUMPY = "numpy>=2"  # requirement of the code that runs in the environment beside the library
-PATIENCE = ("--retries", "1", "--quiet")  # options of pip, with which it soon fails if the index does not answer
+PATIENCE = ("--retries", "1", "--quiet")  # options of pip: with a single retry it fails soon if the index does not answer
 CHECKED, BY_VERSION = "its hash is listed", "installed by its version"
 HOW = "how-installed"  # text file in an environment with CHECKED or BY_VERSION, written at the end of the installation
 WITHOUT_A_WHEEL = "No matching distribution"  # words in pip's message if the index has no wheel for this machine
 IMPOSSIBLE = "ResolutionImpossible"  # word in pip's message if requirements contradict each other
-AGAIN = "again"  # ending of the second name of the newest release, under another path of its interpreter
+AGAIN = "again"  # ending of the second name of the newest release
 LONGEST = 120.0  # [s] time limit for listing the releases of an index
 
 
@@ -55,32 +55,27 @@ class Release:
         return f"{self.engine}-{self.version}"
 
 
-def folder_of_releases() -> Path:
-    """Return the folder of all environments of releases, which need not exist."""
-    return home().with_name("releases")
-
-
 def install_release(library: Library, version: str, told: Told) -> Release:
     """Install a release unless it is installed already, and return it.
 
     If the installation fails, the returned release has the reason. `told` is called with a sentence before an installation begins.
     """
-    folder = folder_of_releases()
+    folder = home().with_name("releases")  # has the environments of all releases
     folder.mkdir(parents=True, exist_ok=True)
-    place = folder / Release(library.engine, version).name
-    if not (is_ours(place) and (place / HOW).is_file()):
+    environment = folder / Release(library.engine, version).name
+    if not (is_ours(environment) and (environment / HOW).is_file()):
         with hold(folder):
             told(f"{library.engine} {version}: installing it")
             try:
-                _install(library, version, place)
+                _install(library, version, environment)
             except InstallationFault as fault:
-                return Release(library.engine, version, reason=explain(library, version, str(fault)))
-    how = (place / HOW).read_text(encoding="utf-8")
-    return Release(library.engine, version, str(interpreter_in(place)), how)
+                return Release(library.engine, version, reason=explain_failure(library, version, str(fault)))
+    how = (environment / HOW).read_text(encoding="utf-8")
+    return Release(library.engine, version, str(interpreter_in(environment)), how)
 
 
-def _install(library: Library, version: str, place: Path) -> None:
-    """Make the environment of a release in a folder.
+def _install(library: Library, version: str, environment: Path) -> None:
+    """Make the environment of a release in the folder `environment`.
 
     Raises:
         InstallationFault: pip fails, or the hash of the file differs from the listed hash.
@@ -91,10 +86,13 @@ def _install(library: Library, version: str, place: Path) -> None:
         """Drop a line of pip's output; if pip fails, the message of the failure quotes the output."""
 
     def fill(folder: Path) -> None:
-        """Download the release's wheel, check its hash, install it with numpy and further requirements; write down the check."""
+        """Download the release's wheel, check its hash, and install it with numpy and further requirements.
+
+        The file HOW records whether the hash was checked.
+        """
         with tempfile.TemporaryDirectory() as downloads:
-            wanted = f"{library.package}=={version}"
-            fetch = [*pip_of(folder), "download", *OPTIONS, *PATIENCE, "--no-deps", "--dest", downloads, wanted]
+            requirement = f"{library.package}=={version}"
+            fetch = [*pip_of(folder), "download", *OPTIONS, *PATIENCE, "--no-deps", "--dest", downloads, requirement]
             run_program(fetch, failure, ignore, quiet=True)
             (wheel,) = Path(downloads).iterdir()
             note, further = check_hash(library, wheel), library.besides.get(version, [])
@@ -102,7 +100,7 @@ def _install(library: Library, version: str, place: Path) -> None:
             run_program(install, failure, ignore, quiet=True)
         (folder / HOW).write_text(note, encoding="utf-8")
 
-    make_environment(place, fill, ignore, quiet=True)
+    make_environment(environment, fill, ignore, quiet=True)
 
 
 def check_hash(library: Library, wheel: Path) -> str:
@@ -119,12 +117,12 @@ def check_hash(library: Library, wheel: Path) -> str:
     return CHECKED
 
 
-def explain(library: Library, version: str, failure: str) -> str:
-    """Return the reason of a failed installation in a sentence; `failure` is pip's message."""
+def explain_failure(library: Library, version: str, failure: str) -> str:
+    """Return a sentence on the reason of a failed installation; `failure` is pip's message."""
     if WITHOUT_A_WHEEL in failure:
         return f"pip finds no wheel of {library.package} {version} for this Python and machine"
     if IMPOSSIBLE in failure:
-        return f"{library.package} {version} does not go together with {NUMPY}"
+        return f"{library.package} {version} cannot be installed together with {NUMPY}"
     return in_a_sentence(failure)
 
 
@@ -134,8 +132,8 @@ def list_available(release: Release, library: Library) -> list[str]:
     Raises:
         InstallationFault: the index does not answer.
     """
-    place = Path(release.python).parents[1]
-    command = [*pip_of(place), "index", "versions", library.package, "--disable-pip-version-check", "--retries", "1"]
+    environment = Path(release.python).parents[1]
+    command = [*pip_of(environment), "index", "versions", library.package, "--disable-pip-version-check", "--retries", "1"]
     try:
         answer = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False).stdout
     except subprocess.TimeoutExpired:
@@ -144,7 +142,11 @@ def list_available(release: Release, library: Library) -> list[str]:
 
 
 def read_available(answer: str, package: str) -> list[str]:
-    """Return the releases in the output of `pip index versions`; InstallationFault is raised if it has none."""
+    """Return the releases in the output of `pip index versions`, in its order.
+
+    Raises:
+        InstallationFault: the output lists no releases.
+    """
     for line in answer.splitlines():
         title, _, versions = line.partition(":")
         if title == "Available versions":
@@ -154,7 +156,7 @@ def read_available(answer: str, package: str) -> list[str]:
 
 @contextlib.contextmanager
 def as_engines(library: Library, releases: Sequence[Release]) -> Iterator[None]:
-    """While the context is open, register releases of a library as engines in this process.
+    """Register releases of a library as engines in this process while the context is open.
 
     The newest release, the last of `releases`, is also registered under a second name, to be timed against itself. A file of
     engines temporarily replaces the user's own.
@@ -162,7 +164,7 @@ def as_engines(library: Library, releases: Sequence[Release]) -> Iterator[None]:
     named = {x.name: x.python for x in releases}
     # the same interpreter under another path: worker processes are kept by path, so that the second name gets a process of its own
     named[second_name(releases[-1])] = str(Path(releases[-1].python).with_name("python3"))
-    before = os.environ.get(ENGINES_FILE)
+    own_file = os.environ.get(ENGINES_FILE)  # the user's file, if there is one
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "engines.toml"
         tables = (
@@ -175,8 +177,8 @@ def as_engines(library: Library, releases: Sequence[Release]) -> Iterator[None]:
             yield
         finally:
             os.environ.pop(ENGINES_FILE)
-            if before is not None:
-                os.environ[ENGINES_FILE] = before
+            if own_file is not None:
+                os.environ[ENGINES_FILE] = own_file
 
 
 def second_name(release: Release) -> str:

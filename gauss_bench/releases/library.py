@@ -74,8 +74,8 @@ def read_library(engine: str) -> Library:
     )
 
 
-def order(version: str) -> tuple[int, ...]:
-    """Return the numbers of a version, by which releases are sorted.
+def version_numbers(version: str) -> tuple[int, ...]:
+    """Return the numbers of a version, such as (3, 6, 0), by which releases are sorted.
 
     Raises:
         ReleaseFault: the text is no version of a release.
@@ -94,15 +94,16 @@ def choose_releases(library: Library, first: str | None, last: str | None, only:
         ReleaseFault: there are fewer than two releases, or the arguments contradict each other.
     """
     if only and (first or last):
-        raise ReleaseFault("--only names every release; --from and --to go without it")
+        raise ReleaseFault("--only names every release, and cannot be combined with --from or --to")
     if only:
-        chosen = sorted(set(only), key=order)
+        chosen = sorted(set(only), key=version_numbers)
     else:
-        low, high = order(first or library.releases[0]), order(last or library.releases[-1])
+        earliest, latest = first or library.releases[0], last or library.releases[-1]
+        low, high = version_numbers(earliest), version_numbers(latest)
         if low > high:
-            raise ReleaseFault(f"--from {first or library.releases[0]} is later than --to {last or library.releases[-1]}")
-        ends = filter(None, (first, last))
-        chosen = sorted({*ends, *(x for x in library.releases if low <= order(x) <= high)}, key=order)
+            raise ReleaseFault(f"--from {earliest} is later than --to {latest}")
+        listed = [x for x in library.releases if low <= version_numbers(x) <= high]
+        chosen = sorted({earliest, latest, *listed}, key=version_numbers)
     if len(chosen) < 2:
         raise ReleaseFault(f"two releases are needed to compare; listed are {', '.join(library.releases)}")
     return chosen

@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import Any
 
 from gauss_bench.releases.asking import Answers
-from gauss_bench.releases.compare import Change, compare_releases, real
+from gauss_bench.releases.compare import Change, compare_releases, real_changes
 from gauss_bench.releases.costs import Rows
 from gauss_bench.tables import TABLES, read_table, write_schema, write_table
 
@@ -35,14 +35,16 @@ def make_tables(engine: str, answers: Sequence[Answers], costs: Rows, cost_chang
     compared = compare_neighbours(answers)
     by_version = {after.version: changes for _, after, changes in compared}
     releases = [release_row(engine, x, by_version.get(x.version)) | {"commit": commit, "date": date} for x in answers]
-    changes = [change_row(engine, a.version, b.version, x) for a, b, found in compared for x in real(found)]
+    changes: Rows = []
+    for before, after, comparisons in compared:
+        changes += [change_row(engine, before.version, after.version, x) for x in real_changes(comparisons)]
     cost_rows = [{"engine": engine} | row for row in costs]
-    changed = [
-        {"engine": engine, "after": row["version"], "quantity": f"{COST} {row['work']}"}
-        | {name: row[name] for name in ("before", "case", "setting", "ratio", "ratio_low", "ratio_high")}
-        for row in cost_changes
-    ]
-    return dict(zip(NAMES, (releases, changes, cost_rows, changed), strict=True))
+    cost_change_rows = []
+    for row in cost_changes:
+        names = {"engine": engine, "after": row["version"], "quantity": f"{COST} {row['work']}"}
+        copied = {name: row[name] for name in ("before", "case", "setting", "ratio", "ratio_low", "ratio_high")}
+        cost_change_rows.append(names | copied)
+    return dict(zip(NAMES, (releases, changes, cost_rows, cost_change_rows), strict=True))
 
 
 def pick(record: Any, *names: str) -> dict[str, Any]:
@@ -51,12 +53,15 @@ def pick(record: Any, *names: str) -> dict[str, Any]:
 
 
 def release_row(engine: str, x: Answers, changes: Sequence[Change] | None) -> dict[str, Any]:
-    """Return the row of a release in the table `releases`; `changes` compare it with the one before, if there is one."""
+    """Return the row of a release in the table `releases`.
+
+    `changes` are its comparisons with the release before; None if there is none.
+    """
     row = {"engine": engine} | pick(x, "version", "status", "message", "library", "python", "numpy", "how", "left_out")
     if changes is not None:
-        sized = [c for c in changes if not math.isnan(c.difference)]
-        rounding = [c.difference for c in sized if not c.is_real]
-        row |= {"compared": len(sized), "real": len(real(changes)), "rounding": len(rounding)}
+        sized = [c for c in changes if not math.isnan(c.difference)]  # without texts and failures
+        rounding = [c.difference for c in sized if not c.is_real]  # differences that rounding explains
+        row |= {"compared": len(sized), "real": len(real_changes(changes)), "rounding": len(rounding)}
         row["largest_rounding"] = max(rounding, default=0.0)
     return row
 

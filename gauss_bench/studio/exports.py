@@ -4,7 +4,7 @@ import base64
 from typing import Any
 
 from gauss_bench.api.exchange import STEP, write_file
-from gauss_bench.api.history import angular_curves, observe, table
+from gauss_bench.api.history import angular_curves, point_curves, table
 from gauss_bench.engines import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS
@@ -42,7 +42,7 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
             mechanism, trajectory, _ = move(text, reading, message)
             whole, links = mechanism.whole, motion_of_links(mechanism, trajectory)
             angles = angular_curves(whole, links, range(len(whole.links)))
-            curves = History(links.t, (*angles, *observe(whole, links)))
+            curves = History(links.t, (*angles, *point_curves(whole, links)))
             if kind == "csv":
                 return {"name": f"{name}.csv", "text": table(curves)}
             caption = Caption(mechanism.name, mechanism.scenario, "", mechanism.duration, float(links.t[-1]))

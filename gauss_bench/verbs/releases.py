@@ -14,7 +14,7 @@ from gauss_bench.linkage.digest import source_digest
 from gauss_bench.releases.asking import BUDGET, Answers, as_data, ask_release, from_data
 from gauss_bench.releases.costs import race_releases
 from gauss_bench.releases.environments import Release, as_engines, install_release, list_available
-from gauss_bench.releases.library import Library, ReleaseFault, choose_releases, order, read_library
+from gauss_bench.releases.library import Library, ReleaseFault, choose_releases, read_library, version_numbers
 from gauss_bench.releases.table import SCHEMAS, make_tables, write_tables
 from gauss_bench.report.what_changed import TITLE, write_page
 from gauss_bench.runs.offers import check_budget
@@ -54,11 +54,11 @@ def releases(
     usable_folder(out, LOCAL)
     refuse_foreign({out / PAGE: TITLE})
     seconds = check_budget(budget, BUDGET)
-    compared = [install_release(library, version, told) for version in wanted]
-    if new and compared[0].python:  # the newest listed release is installed, so that its pip can list the later ones
-        later = [x for x in list_available(compared[0], library) if order(x) > order(wanted[0])]
-        compared += [install_release(library, version, told) for version in sorted(later, key=order)]
-    installed = [x for x in compared if x.python]
+    found = [install_release(library, version, told) for version in wanted]
+    if new and found[0].python:  # the newest listed release is installed, so that its pip can list the later ones
+        later = [x for x in list_available(found[0], library) if version_numbers(x) > version_numbers(wanted[0])]
+        found += [install_release(library, version, told) for version in sorted(later, key=version_numbers)]
+    installed = [x for x in found if x.python]
     if not installed:
         raise ReleaseFault(f"no release of {engine} can be installed: {compared[0].reason}")
     with as_engines(library, installed), Journal(out / RUN / f"releases-{engine}.jsonl") as journal:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from gauss_bench.advice.truth import NoTruth
 from gauss_bench.api.files import usable_folder, writable
-from gauss_bench.api.recommend import Recommendation, list_owned, order_kinds
+from gauss_bench.api.recommend import Recommendation, list_owned, order_engines
 from gauss_bench.api.recommend import recommend as recommend_settings
 from gauss_bench.api.telling import Answer, Told
 from gauss_bench.atlas import chart, survey, table
@@ -27,7 +27,7 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
     engines, files = options.engines or [], {}
     if options.out is not None:
         usable_folder(options.out)
-        asked = engines or order_kinds()
+        asked = engines or order_engines()
         # the settings that an engine's authors contributed get a program of their own, ENGINE-authors
         for name in [*asked, *(f"{x}-authors" for x in list_owned(asked, options.authors))]:
             # the hyphen keeps a program, whose folder Python searches first, from being imported in place of the engine's library

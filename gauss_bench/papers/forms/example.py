@@ -24,12 +24,7 @@ from gauss_bench.trajectory import Reference
 
 DIMENSION = L1 + L2  # [m] size of the linkage, by which residuals of positions are divided
 SHOWN = 0.5  # [s] time over which integrators are compared, most of the first turn
-STEP = 1e-3  # [s] step size of the integrator that a reader might take
-
-
-def moving_states() -> tuple[ExampleState, ...]:
-    """Return all states except the start, which is at rest."""
-    return states()[1:]
+STEP = 1e-3  # [s] step size of explicit Euler, which a reader might assume
 
 
 def mass_off(form: Callable[[], Array]) -> float:
@@ -48,22 +43,22 @@ def power_off(s: ExampleState, f: float, a: Array) -> float:
 
 
 def bias_off(f: float, s: ExampleState) -> float:
-    """Return the error of the power balance (`power_off`) if each entry of f is the number f."""
+    """Return the error of the power balance (`power_off`) at true accelerations if each entry of f, eq. (18), is the number f."""
     return power_off(s, f, s.a)
 
 
 def order_off(order: list[int], s: ExampleState) -> float:
-    """Return the error of the power balance (`power_off`) if the accelerations are listed in this order of coordinates."""
+    """Return the error of the power balance (`power_off`) if the accelerations of eq. (20) are listed in this order of indices."""
     return power_off(s, 0.0, s.a[order])
 
 
 def forces_off(form: Callable[[Array, Array], Array], s: ExampleState) -> float:
-    """Compare the applied forces of eq. (19), a function of q and v, with those of the linkage file."""
+    """Return the largest error of form(q, v), the applied forces of eq. (19), relative to the largest force of the linkage file."""
     return float(np.abs(form(s.q, s.v) - s.Q).max() / np.abs(s.Q).max())
 
 
 def positions_off(form: Callable[[Number], Number], s: ExampleState) -> float:
-    """Return the largest residual of eq. (21), a function of q, at a true position."""
+    """Return the largest residual of form(q), the constraints of eq. (21), at a true position, divided by DIMENSION."""
     return float(np.abs(form(s.q)).max()) / DIMENSION
 
 
@@ -92,8 +87,8 @@ def row_off(squared: list[str], s: ExampleState, rows: list[int]) -> float:
 
     `squared` names the rates that are squared in g, eq. (23): ["v"], which is right, or ["a"], as the paper prints in some rows.
     """
-    off = crank_slider.bias(s.q, getattr(s, squared[0])) - gradient(crank_slider.residual, s.q) @ s.a
-    return float(np.abs(off)[[row - 1 for row in rows]].max() / np.abs(s.a).max())
+    residual = crank_slider.bias(s.q, getattr(s, squared[0])) - gradient(crank_slider.residual, s.q) @ s.a  # (6,)
+    return float(np.abs(residual)[np.array(rows) - 1].max() / np.abs(s.a).max())
 
 
 def crank_with_entry(form: dict[str, Any]) -> float:
@@ -116,13 +111,21 @@ def start_off(form: list[float]) -> float:
 
 
 def figures_off(form: list[int]) -> float:
-    """Return how many figures are wrong or missing in the range form = [first, last]; figures 2 to 5 show the crank's centre."""
+    """Return the number of figures that are wrong or missing in the range form = [first, last].
+
+    Right are the figures 2 to 5, which show the crank's centre.
+    """
     first, last = form
     return float(len({2, 3, 4, 5} ^ set(range(first, last + 1))))
 
 
 def accelerate(p: Problem, bars: Sequence[float] = (1.0, 1.0), gravity: float = GRAVITY) -> float:
-    """Return the crank's acceleration [rad/s^2] with inertias of crank and rod that are `bars` times those of uniform bars."""
+    """Return the crank's acceleration [rad/s^2] in a problem of the example with other inertias and gravity.
+
+    Args:
+        bars: inertias of crank and rod, divided by those of uniform bars.
+        gravity: acceleration of gravity [m/s^2].
+    """
     M, Q = p.M.copy(), p.Q.copy()
     M[2, 2], M[5, 5] = bars[0] * I1, bars[1] * I2
     Q[1], Q[4] = -M1 * gravity, -M2 * gravity
@@ -130,12 +133,12 @@ def accelerate(p: Problem, bars: Sequence[float] = (1.0, 1.0), gravity: float = 
 
 
 def data_off(form: dict[str, Any], p: Problem) -> float:
-    """Return the relative error of the crank's acceleration if the keyword arguments `form` of `accelerate` are assumed."""
+    """Return the relative error of the crank's acceleration if the data `form`, keyword arguments of `accelerate`, are assumed."""
     return float(abs(accelerate(p, **form) / p.a[CRANK] - 1))
 
 
 def crank_with(form: dict[str, Any]) -> float:
-    """Return the crank's initial acceleration [rad/s^2] with the keyword arguments `form` of `accelerate`."""
+    """Return the crank's initial acceleration [rad/s^2] with the data `form`, keyword arguments of `accelerate`."""
     return accelerate(crank_problems()[0], **form)
 
 
@@ -159,5 +162,5 @@ def reference_motion() -> Reference:
 
 
 def integrator_off(form: Callable[[CrankMotion], float]) -> float:
-    """Return the error of the crank angle [rad] at time SHOWN that an integrator computes."""
+    """Return the error of the crank angle [rad] at time SHOWN that the integrator `form` computes."""
     return abs(form(motion_of(linkage())) - float(reference_motion().q[-1, CRANK]))

@@ -65,56 +65,55 @@ def gauss_function(p: Problem, a: Number) -> Number:
 
 
 def root_function(p: Problem, a: Number, extra: Array | float = 0.0) -> Number:
-    """Return Gauss's function by eq. (2), or by eq. (3) with constraint forces `extra` that do work."""
+    """Return Gauss's function at accelerations a by eq. (2), or by eq. (3) with constraint forces `extra` (n,) that do work."""
     r = power(p.M, -0.5) @ (p.M @ a + p.f - p.Q - extra)
     return np.asarray(r @ r / 2)
 
 
-def stationary(form: Form, p: Problem, a: Array | None = None) -> float:
+def slope_off(form: Form, p: Problem, a: Array | None = None) -> float:
     """Return the slope of form(p, a), a formula for Gauss's function, along the constraints at a (by default p.a).
 
     It is the largest component of the gradient projected on J a = 0, divided by the largest component of the whole gradient.
     """
-    full = gradient(lambda x: form(p, x), p.a if a is None else a)
-    return float(np.abs(projector(p) @ full).max() / np.abs(full).max())
+    slopes = gradient(lambda x: form(p, x), p.a if a is None else a)  # (n,)
+    return float(np.abs(projector(p) @ slopes).max() / np.abs(slopes).max())
 
 
-def same_function(form: Form, p: Problem) -> float:
-    """Compare a formula for Gauss's function with eq. (1) at random accelerations."""
+def function_off(form: Form, p: Problem) -> float:
+    """Return the relative difference of form(p, a), a formula for Gauss's function, from eq. (1) at random accelerations a."""
     a = draw().normal(size=p.n)
     return abs(float(form(p, a) / gauss_function(p, a)) - 1)
 
 
-def stationary_with(form: Form, p: Problem) -> float:
-    """Return the slope (`stationary`) of form(p, a, extra), eq. (3), at the true motion under random forces `extra` (n,).
+def work_off(form: Form, p: Problem) -> float:
+    """Return the slope (`slope_off`) of form(p, a, extra), eq. (3), at the true motion under random forces `extra` (n,).
 
     Constraint forces that do work act like applied forces: the true motion is that with Q + extra.
     """
     extra = draw().normal(size=p.n)
     true = problems.solve_problem(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
-    return stationary(lambda p, a: form(p, a, extra), p, true)
+    return slope_off(lambda p, a: form(p, a, extra), p, true)
 
 
 def differentiate(rate: Rate, q: Array, v: Array) -> Array:
-    """Return g of J a = g: minus the time derivative of rate(q, v) = J v at constant v."""
+    """Return g of J a = g (m,): minus the time derivative of rate(q, v) = J v at constant v, which leaves -J' v."""
     return -derivative(lambda x: rate(x, v), q, v)
 
 
 def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
-    """Return (rates of the constraints, q, v, a) at instants of motions of the crank-slider and of a knife edge on a circle."""
+    """Return (function J v of q and v, q, v, a) at instants of motions of the crank-slider and of a knife edge on a circle."""
     radius, omega, theta = 0.7, 3.0, 0.4  # [m], [rad/s], [rad] of the circular motion
     along, across = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
     # the knife edge is at the origin, and the centre of the circle is at the distance `radius` across its direction
     on_circle = np.array([0.0, 0.0, theta]), np.append(radius * omega * along, omega), np.append(radius * omega**2 * across, 0.0)
-    moving = crank_slider.states()[1:]  # without the start, which is at rest
     return [
-        *((lambda q, v: np.asarray(crank_slider.jacobian(q) @ v), s.q, s.v, s.a) for s in moving),
+        *((lambda q, v: np.asarray(crank_slider.jacobian(q) @ v), s.q, s.v, s.a) for s in crank_slider.moving_states()),
         (lambda q, v: np.array([np.cos(q[2]) * v[1] - np.sin(q[2]) * v[0]]), *on_circle),  # velocity across the knife edge
     ]
 
 
-def bias_left(form: Form, motion: tuple[Rate, Array, Array, Array]) -> float:
-    """Return the relative difference of form(rate, q, v), a formula for g of J a = g, from J a at an instant of `list_motions`."""
+def bias_off(form: Form, motion: tuple[Rate, Array, Array, Array]) -> float:
+    """Return the relative difference of form(rate, q, v), a formula for g of J a = g, from J a at an instant of a true motion."""
     rate, q, v, a = motion
     return relative(form(rate, q, v), gradient(lambda x: rate(q, x), v) @ a)
 
@@ -124,7 +123,7 @@ def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
     return J_inverse @ p.g + (np.eye(p.n) - J_inverse @ p.J) @ h
 
 
-def every_solution(form: Form, p: Problem) -> float:
+def solution_off(form: Form, p: Problem) -> float:
     """Return the larger error of two statements on form(p, X, h), a formula for eq. (8) with a random generalised inverse X of J.
 
     For a random h the result satisfies J a = g, and for the true accelerations h = p.a it is p.a itself.
@@ -136,38 +135,38 @@ def every_solution(form: Form, p: Problem) -> float:
 
 
 def least_squares_residual(A: Array, x: Array, b: Array) -> float:
-    """Return |A^T (A x - b)| relative to its terms; it is zero where x minimises |A x - b|."""
+    """Return the largest entry of A^T (A x - b), relative to that of A^T b; it is zero where x minimises |A x - b|."""
     return float(np.abs(A.T @ (A @ x - b)).max() / np.abs(A.T @ b).max())
 
 
-def contradicting_rows(form: Form, p: Problem) -> float:
+def contradiction_off(form: Form, p: Problem) -> float:
     """Return the least-squares residual of redundant rows J a = g that contradict each other, for the accelerations of eq. (8).
 
     Random numbers of a tenth of the largest g are added to g. `form` computes the generalised inverse.
     """
     rng = draw()
-    noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
-    a = general_solution(noisy, form(p.J, rng), rng.normal(size=p.n))
-    return least_squares_residual(p.J, a, noisy.g)
+    contradicting = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
+    a = general_solution(contradicting, form(p.J, rng), rng.normal(size=p.n))
+    return least_squares_residual(p.J, a, contradicting.g)
 
 
 def matrix(p: Problem, exponent: float = 0.5) -> Array:
-    """Return A = M^exponent N, eq. (10) if the exponent is 1/2."""
+    """Return A = M^exponent N (n, n), eq. (10) if the exponent is 1/2."""
     return power(p.M, exponent) @ projector(p)
 
 
 def vector(p: Problem, exponent: float = 0.5) -> Array:
-    """Return b = -(M^exponent J^+ g + M^(-1/2) (f - Q)), eq. (11) if the exponent is 1/2."""
+    """Return b = -(M^exponent J^+ g + M^(-1/2) (f - Q)) (n,), eq. (11) if the exponent is 1/2."""
     return -(power(p.M, exponent) @ pinv(p.J) @ p.g + power(p.M, -0.5) @ (p.f - p.Q))
 
 
 def matrix_off(exponent: float, p: Problem) -> float:
-    """Return the relative error of A = M^exponent N against M^(-1/2) M N, the factor of h if (8) is put into (2)."""
+    """Return the relative error of A = M^exponent N against M^(-1/2) M N, the factor of h if eq. (8) is put into eq. (2)."""
     return relative(matrix(p, exponent), power(p.M, -0.5) @ p.M @ projector(p))
 
 
 def vector_off(exponent: float, p: Problem) -> float:
-    """Return the relative error of `vector` against minus the terms without h if (8) is put into (2)."""
+    """Return the relative error of `vector` against minus the terms without h if eq. (8) is put into eq. (2)."""
     return relative(vector(p, exponent), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g))
 
 
@@ -188,7 +187,7 @@ def printed_exponents(p: Problem) -> Array:
 
 
 def acceleration_off(form: Form, p: Problem) -> float:
-    """Return the relative error of the accelerations form(p)."""
+    """Return the relative error of form(p), a formula for the accelerations."""
     return relative(form(p), p.a)
 
 
@@ -205,8 +204,8 @@ def square_off(form: Callable[[Array, Array, Array], float], p: Problem) -> floa
     return abs(form(matrix(p), vector(p), h) / float(G) - 1)
 
 
-def unit_dependence(form: Form, p: Problem) -> float:
-    """Return the relative change of the crank's acceleration in form(p) if lengths are given in millimetres."""
+def unit_off(form: Form, p: Problem) -> float:
+    """Return the relative change of the crank's acceleration by form(p) if lengths are in millimetres instead of metres."""
     return float(abs(form(problems.in_millimetres(p))[CRANK] / form(p)[CRANK] - 1))
 
 
@@ -225,7 +224,7 @@ def sides_off(form: Callable[[Array, Array, Array], tuple[Array, Array]], p: Pro
     return relative(*form(matrix(p), vector(p), p.a))
 
 
-def minimum_missed(form: Form, p: Problem) -> float:
+def minimum_off(form: Form, p: Problem) -> float:
     """Return the least-squares residual of h = A^- b + (I - A^- A) w, eq. (13), with A^- by `form` and a random w."""
     A, b, rng = matrix(p), vector(p), draw()
     X = form(A, rng)
@@ -246,7 +245,7 @@ def last_member_alone(p: Problem, w: Array) -> Array:
     return np.asarray(projector(p) @ pinv(A) @ A @ w)
 
 
-def with_any_w(form: Form, p: Problem) -> float:
+def free_vector_off(form: Form, p: Problem) -> float:
     """Return the relative error of the accelerations form(p, w) for a random vector w, ten times as large as the accelerations."""
     return relative(form(p, 10 * np.abs(p.a).max() * draw().normal(size=p.n)), p.a)
 
@@ -282,12 +281,12 @@ def normal_inverse(p: Problem) -> Array:
 
 
 def inverse_off(form: Form, p: Problem) -> float:
-    """Compare form(p), an inverse of A = M^(1/2) N, with the Moore-Penrose inverse by singular values."""
+    """Return the relative error of form(p), an inverse of A = M^(1/2) N, against the Moore-Penrose inverse by singular values."""
     return relative(form(p), pinv(power(p.M, 0.5) @ projector(p)))
 
 
 def free_motion(p: Problem) -> Array:
-    """Return the accelerations M^-1 (Q - f) without constraints: eq. (16) if N N^-1 was the unit matrix."""
+    """Return the accelerations M^-1 (Q - f) without constraints, which are those of eq. (16) if N N^-1 is the unit matrix."""
     return np.asarray(np.linalg.solve(p.M, p.Q - p.f))
 
 
@@ -303,7 +302,8 @@ def final_of_14(p: Problem) -> Array:
 
 def accelerations_off(form: Form, on: str = "") -> float:
     """Return the largest relative error of form(p) on all problems, or on those of the kind `on` (`special_problems`)."""
-    return worst([acceleration_off(form, p) for p in (problems.special_problems(on) if on else problems.all_problems())])
+    cases = problems.special_problems(on) if on else problems.all_problems()
+    return worst([acceleration_off(form, p) for p in cases])
 
 
 def constraints_off(form: Form, p: Problem) -> float:

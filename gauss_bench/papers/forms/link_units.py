@@ -29,7 +29,7 @@ from gauss_bench.papers.forms.problems import relative
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
-SEED, POSES = 2010, 20
+SEED, POSES = 2010, 20  # seed and number of random poses
 
 
 @dataclass(frozen=True)
@@ -86,20 +86,21 @@ def guide(p: Pose) -> Units:
     return A, np.array([[p.e * c - p.s * s, c], [p.e * s + p.s * c, s]])
 
 
-def column_1(p: Pose, last: str) -> Array:
-    """Return column 1 of J' of the path RP2, with the rate called `last` in its last term."""
+def rate_column_1(p: Pose, last: str) -> Array:
+    """Return column 1 (2,) of J' of the path RP2; `last` is the name of the rate in its last term ("s_rate" or "phi_rate")."""
     s, c, rate = np.sin(p.phi), np.cos(p.phi), getattr(p, last)
-    along = -p.e * p.phi_rate * s - p.s * p.phi_rate * c - rate * s
-    return np.array([along, p.e * p.phi_rate * c - p.s * p.phi_rate * s + rate * c])
+    x = -p.e * p.phi_rate * s - p.s * p.phi_rate * c - rate * s
+    y = p.e * p.phi_rate * c - p.s * p.phi_rate * s + rate * c
+    return np.array([x, y])
 
 
 def column_2(p: Pose) -> Array:
-    """Return column 2 of J' of the path RP2."""
+    """Return column 2 (2,) of J' of the path RP2."""
     return np.array([-p.phi_rate * np.sin(p.phi), p.phi_rate * np.cos(p.phi)])
 
 
-def along(function: Callable[[Pose], Number], p: Pose, phi: float, s: float) -> Array:
-    """Return the derivative of a function of the pose for the rates phi and s, exact to rounding (complex-step method)."""
+def complex_step(function: Callable[[Pose], Number], p: Pose, phi: float, s: float) -> Array:
+    """Return the time derivative of a function of the pose for the rates `phi` and `s`, exact to rounding (complex-step method)."""
     return np.asarray(function(replace(p, phi=p.phi + 1j * TINY * phi, s=p.s + 1j * TINY * s)).imag / TINY)
 
 
@@ -109,40 +110,40 @@ def unit_off(form: Callable[[Pose], Units], p: Pose, kind: str) -> float:
     A is compared with the vector of `kinematics.link_units`, J and J' with exact derivatives of A and J.
     """
     A, J, *J_rate = form(p)
-    ends = {  # the element at the end of the path; it begins at a pin at the link's origin
+    ends = {  # the element at the end of the path, which begins at a pin at the link's origin
         "RRR1": Element("b", "b", PIN, complex(p.l)),
         "RRR1 second": Element("b", "b", PIN, p.l2 * np.exp(1j * p.alpha)),
         "RP1": Element("b", "b", BLOCK, 1j * p.e),
         "RP2": Element("b", "b", GUIDE, -1j * p.e, 1.0 + 0j, "b"),
     }
-    places, rates = ([p.s], [p.s_rate]) if kind == "RP2" else ([], [])
-    own = LinkPath(0, Element("a", "a", PIN, 0j), ends[kind]).link_unit(p.phi, p.phi_rate, places, rates).vector
-    # derivatives of A by phi and, if J has two columns, by s
-    slopes = [along(lambda x: form(x)[0], p, *direction) for direction in ((1.0, 0.0), (0.0, 1.0))[: J.shape[1]]]
-    rate = along(lambda x: form(x)[1], p, p.phi_rate, p.s_rate)
-    gaps = [A - own, J - np.stack(slopes, axis=1), *(x - rate for x in J_rate)]
-    return worst([float(np.abs(gap).max()) for gap in gaps])
+    slides, slide_rates = ([p.s], [p.s_rate]) if kind == "RP2" else ([], [])
+    own = LinkPath(0, Element("a", "a", PIN, 0j), ends[kind]).link_unit(p.phi, p.phi_rate, slides, slide_rates).vector
+    directions = ((1.0, 0.0), (0.0, 1.0))[: J.shape[1]]  # of phi and, if J has two columns, of s
+    slopes = [complex_step(lambda x: form(x)[0], p, *direction) for direction in directions]
+    rate = complex_step(lambda x: form(x)[1], p, p.phi_rate, p.s_rate)
+    errors = [A - own, J - np.stack(slopes, axis=1), *(x - rate for x in J_rate)]
+    return worst([float(np.abs(error).max()) for error in errors])
 
 
 def true_rate(p: Pose) -> Array:
     """Return the exact J' (2, 2) of the path RP2."""
-    return along(lambda x: guide(x)[1], p, p.phi_rate, p.s_rate)
+    return complex_step(lambda x: guide(x)[1], p, p.phi_rate, p.s_rate)
 
 
 def column_1_off(last: list[str], p: Pose) -> float:
-    """Return the error of column 1 of J' of the path RP2."""
-    return float(np.abs(column_1(p, *last) - true_rate(p)[:, 0]).max())
+    """Return the largest error of column 1 of J' of the path RP2 with the rate named in `last` in its last term."""
+    return float(np.abs(rate_column_1(p, *last) - true_rate(p)[:, 0]).max())
 
 
 def column_2_off(form: Callable[[Pose], Array], p: Pose) -> float:
-    """Return the error of a formula for column 2 of J' of the path RP2."""
+    """Return the largest error of form(p), a formula for column 2 of J' of the path RP2."""
     return float(np.abs(form(p) - true_rate(p)[:, 1]).max())
 
 
 def difference_off(factor: float, p: Pose) -> float:
-    """Compare `factor` (phi' - s') [sin phi; -cos phi] with the true minus the printed column 1 of J' of RP2."""
+    """Return the error of `factor` (phi' - s') [sin phi; -cos phi] as the true minus the printed column 1 of J' of RP2."""
     claimed = factor * (p.phi_rate - p.s_rate) * np.array([np.sin(p.phi), -np.cos(p.phi)])
-    return float(np.abs(claimed - (true_rate(p)[:, 0] - column_1(p, "phi_rate"))).max())
+    return float(np.abs(claimed - (true_rate(p)[:, 0] - rate_column_1(p, "phi_rate"))).max())
 
 
 @cache
@@ -156,10 +157,10 @@ def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
     motion, turn = MinimalCoordinate(mechanism), []
     for t in np.linspace(0.0, 1.0, 24, endpoint=False):
         q, v, a = (x[0] for x in motion.state_at(t))
-        at, angle = links["block"], links["lever"] + 2  # indices of the block's x and of the lever's angle
-        # of the block, relative to the lever's pin on the ground
-        arm, speed, acceleration = q[at : at + 2] - mechanism.ground_points["O1"], v[at : at + 2], a[at : at + 2]
-        s = float(np.hypot(*arm))
+        block, angle = links["block"], links["lever"] + 2  # indices of the block's x and of the lever's angle
+        # (2,) each, of the block relative to the lever's pin on the ground
+        arm, speed, acceleration = q[block : block + 2] - mechanism.ground_points["O1"], v[block : block + 2], a[block : block + 2]
+        s = float(np.hypot(*arm))  # the position along the lever; from s^2 = arm . arm follow its derivatives
         s_rate = float(arm @ speed / s)
         s_second = float((arm @ acceleration + speed @ speed - s_rate**2) / s)
         turn.append((Pose(q[angle], s, v[angle], s_rate), acceleration, np.array([a[angle], s_second])))
@@ -167,8 +168,11 @@ def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
 
 
 def lever(last: list[str], pose: Pose, acceleration: Array) -> Array:
-    """Return [phi'', s''] of the lever from J [phi'', s''] = a - J' [phi', s'], where a is the acceleration of the block."""
-    J_rate = np.stack([column_1(pose, *last), column_2(pose)], axis=1)
+    """Return [phi'', s''] (2,) of the lever from J [phi'', s''] = a - J' [phi', s'], where a is the acceleration of the block.
+
+    `last` has the name of the rate in the last term of column 1 of J'.
+    """
+    J_rate = np.stack([rate_column_1(pose, *last), column_2(pose)], axis=1)
     J = guide(pose)[1]
     return np.asarray(np.linalg.solve(J, acceleration - J_rate @ [pose.phi_rate, pose.s_rate]))
 

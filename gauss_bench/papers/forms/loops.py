@@ -37,12 +37,12 @@ DRIVEN = ("four_bar", "six_bar", "shaper", "eight_bar")
 TIMES = (0.2, 0.37, 0.8)  # [s] in a cycloidal turn of 1 s; the acceleration of the crank has either sign
 ALPHA = np.radians(50.0)  # between d-e and d-c of the six-bar's ternary link
 LENGTHS = (0.10, 0.30, 0.28, 0.24, 0.36)  # l1, l2, l3, l3', l5 of the six-bar [m], which are the linkage file's
-RAIL = np.radians(-45.0)
-LAWS = ("sine", "cosine", "poly345")
-INSIDE = np.linspace(0.0, 1.0, 101)  # of a rise of 1 in 1 s
-Blocks = tuple[Array, ...]
-Laws = dict[str, Callable[[Array], Array]]
+RAIL = np.radians(-45.0)  # direction of the six-bar's slide
+LAWS = ("sine", "cosine", "poly345")  # motion laws that the paper names
+INSIDE = np.linspace(0.0, 1.0, 101)  # [s] times in a rise of 1 in 1 s
 COUNTED = ("crank_slider", "four_bar", "five_bar", "six_bar", "shaper", "eight_bar", "jansen", "parallelogram")
+Blocks = tuple[Array, ...]  # matrices of loop equations
+Laws = dict[str, Callable[[Array], Array]]  # name of a motion law -> its rise from 0 to 1 over the elapsed fraction of the time
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class DrivenLinkage:
 @cache
 def list_driven() -> tuple[DrivenLinkage, ...]:
     """Return the linkages DRIVEN at each of TIMES, cranks driven by a cycloidal law, with rates from the crank angle alone."""
-    found = []
+    linkages = []
     for name in DRIVEN:
         mechanism = load(name, "cycloid")
         slides = {j.name: j for j in mechanism.slides}
@@ -88,8 +88,8 @@ def list_driven() -> tuple[DrivenLinkage, ...]:
                 else:  # the displacement of a slide
                     rate.append(float(coordinates.rate(slides[variable].motion, q, v)))
                     second.append(np.nan)
-            found.append(DrivenLinkage(equations, equations.start(), np.array(rate), np.array(second)))
-    return tuple(found)
+            linkages.append(DrivenLinkage(equations, equations.start(), np.array(rate), np.array(second)))
+    return tuple(linkages)
 
 
 def velocities(m: Matrices, q_rate: Array) -> Array:
@@ -108,9 +108,9 @@ def accelerations_off(last: list[str], linkage: DrivenLinkage) -> float:
     `last` has the name of the matrix in the last term: "J_rate", which is right, or "J", as the paper prints it.
     """
     n, m = linkage.unknowns, linkage.matrices  # `rate` and `second` have n unknowns, then the inputs
-    left = m.B @ linkage.second[n:] + m.B_rate @ linkage.rate[n:] + getattr(m, *last) @ linkage.rate[:n]
-    angles = ~np.isnan(linkage.second[:n])
-    return relative(np.linalg.solve(m.J, -left)[angles], linkage.second[:n][angles])
+    known = m.B @ linkage.second[n:] + m.B_rate @ linkage.rate[n:] + getattr(m, *last) @ linkage.rate[:n]
+    is_angle = ~np.isnan(linkage.second[:n])
+    return relative(np.linalg.solve(m.J, -known)[is_angle], linkage.second[:n][is_angle])
 
 
 def assemble(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) -> Blocks:
@@ -121,22 +121,26 @@ def assemble(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) -> 
 def loops_of(linkage: DrivenLinkage) -> list[tuple[list[Array], list[Array], list[Array]]]:
     """Return for every loop three lists (J, U, K) with one matrix for each link of the loop.
 
-    J has the derivatives of the link's vector by its angle and length, whose rates are U times the unknown rates plus K times the
-    given ones.
+    J has the derivatives of the link's vector by its angle and length, whose rates are U times the rates of the unknowns plus K
+    times those of the inputs.
     """
     equations, loops = linkage.equations, []
-    theta = equations.turning @ linkage.x + equations.phase
+    theta = equations.turning @ linkage.x + equations.phase  # angles of the links [rad]
+    # for each link of a loop: the path through it, the indices of its slides, and those of all its variables
     for paths in equations.paths:
         units = [path.link_unit(theta[path.link], 0.0, linkage.x[slides], linkage.rate[slides]).J for path, slides, _ in paths]
-        factors: list[Array] = [np.eye(len(linkage.x))[own] for _, _, own in paths]
+        factors: list[Array] = [np.eye(len(linkage.x))[own] for _, _, own in paths]  # [U K] of each link
         loops.append((units, [f[:, : linkage.unknowns] for f in factors], [f[:, linkage.unknowns :] for f in factors]))
     return loops
 
 
 def assembly_off(form: Callable[..., Blocks], linkage: DrivenLinkage) -> float:
     """Return the residual of eq. (4), J phi' + B q' = 0, relative to its terms, if `form` computes J_l, B_l as `assemble` does."""
-    loops = [np.hstack(form(*loop)) for loop in loops_of(linkage)]  # J and B of each, side by side
-    return worst([float(np.abs(x @ linkage.rate).max() / (np.abs(x) @ np.abs(linkage.rate)).max()) for x in loops])
+    errors, rate = [], linkage.rate
+    for loop in loops_of(linkage):
+        J_B = np.hstack(form(*loop))  # J and B side by side
+        errors.append(float(np.abs(J_B @ rate).max() / (np.abs(J_B) @ np.abs(rate)).max()))
+    return worst(errors)
 
 
 def stack_off(transposed: bool, linkage: DrivenLinkage) -> float:
@@ -145,9 +149,9 @@ def stack_off(transposed: bool, linkage: DrivenLinkage) -> float:
     If `transposed`, the blocks are put side by side, and the whole is transposed. If J or B then has a wrong shape, the number of
     surplus or missing rows and columns is returned, divided by the sum of the right numbers.
     """
-    parts = [assemble(*loop) for loop in loops_of(linkage)]
-    J, B = (np.hstack(blocks).T if transposed else np.vstack(blocks) for blocks in zip(*parts, strict=True))
-    rows, columns = 2 * len(parts), linkage.unknowns  # right shapes: J (rows, columns), B (rows, 1)
+    loops = [assemble(*loop) for loop in loops_of(linkage)]  # (J_l, B_l) of each
+    J, B = (np.hstack(blocks).T if transposed else np.vstack(blocks) for blocks in zip(*loops, strict=True))
+    rows, columns = 2 * len(loops), linkage.unknowns  # right shapes: J (rows, columns), B (rows, 1)
     misfit = abs(J.shape[0] - rows) + abs(J.shape[1] - columns) + abs(B.shape[0] - rows) + abs(B.shape[1] - 1)
     if misfit:
         return float(misfit / (2 * rows + columns + 1))
@@ -159,15 +163,15 @@ def ones_off(form: list[list[str]]) -> float:
 
     Each list in `form` names the matrices that are tested: ["U"], ["K"], or ["U", "K"] for the rows of both side by side.
     """
-    right = []
+    is_unit_row = []
     for linkage in list_driven():
         for _, Us, Ks in loops_of(linkage):
             for U, K in zip(Us, Ks, strict=True):
                 for names in form:
                     M = np.hstack([{"U": U, "K": K}[name] for name in names])
-                    # whether the only entry that is not zero is 1
-                    right += [(row != 0).sum() == 1 and row.max(initial=0.0) == 1 for row in M]
-    return 1 - float(np.mean(right))
+                    # of a unit row, the only entry that is not zero is 1
+                    is_unit_row += [(row != 0).sum() == 1 and row.max(initial=0.0) == 1 for row in M]
+    return 1 - float(np.mean(is_unit_row))
 
 
 def columns_off(form: list[int], linkage: DrivenLinkage) -> float:
@@ -186,23 +190,26 @@ def columns_off(form: list[int], linkage: DrivenLinkage) -> float:
 
 
 @cache
-def graphs() -> tuple[LinkageGraph, ...]:
+def list_graphs() -> tuple[LinkageGraph, ...]:
     """Return the graphs of all built-in linkages with joints and without knife edges."""
     return tuple(find_graph(m) for m in map(load, built_in()) if m.joints and not m.knife_edges)
 
 
-def counted() -> list[LoopEquations]:
+def list_counted() -> list[LoopEquations]:
     """Return the loop equations of each linkage named in COUNTED, loaded in its scenario "driven"."""
     return [LoopEquations(load(name, "driven")) for name in COUNTED]
 
 
 def unknowns_off(form: list[int], equations: LoopEquations) -> float:
-    """Return the error of a claimed number of unknowns, a * loops + b * redundant constraints with `form` = [a, b]."""
+    """Return the error of form[0] loops + form[1] redundant constraints as the number of unknowns."""
     return count_off(form, (len(equations.paths), equations.mechanism.redundant), len(equations.unknown))
 
 
 def incidence(graph: LinkageGraph, oriented: bool) -> Array:
-    """Return the incidence matrix (links, frame last; pairs) by networkx; `oriented`: one of both ones of a pair is -1."""
+    """Return the incidence matrix by networkx, with a row for each link (the frame last) and a column for each pair.
+
+    A column has ones in the rows of the pair's two links; if `oriented`, the first of them is -1.
+    """
     links, edges = [*range(graph.links), GROUND], [(*pair.links, pair.name) for pair in graph.pairs]
     return np.asarray(nx.incidence_matrix(nx.MultiGraph(edges), links, edges, oriented).toarray())
 
@@ -220,30 +227,33 @@ def incidence_off(diagonal: bool) -> float:
     If `diagonal`, only entries of the diagonal may be 1. The number of wrong entries is divided by that of the true ones.
     """
     wrong = ones = 0
-    for graph in graphs():
+    for graph in list_graphs():
         links = [*range(graph.links), GROUND]
-        belongs = np.array([[float(i in pair.links) for pair in graph.pairs] for i in links])
+        is_on_link = np.array([[float(i in pair.links) for pair in graph.pairs] for i in links])
         true = incidence(graph, oriented=False)
-        claimed = np.eye(*belongs.shape) * belongs if diagonal else belongs
+        claimed = np.eye(*is_on_link.shape) * is_on_link if diagonal else is_on_link
         wrong += int((claimed != true).sum())
         ones += int(true.sum())
     return wrong / ones
 
 
-def cyclic(loop: str) -> frozenset[frozenset[str]]:
-    """Return the pairs of neighbouring joints of a loop, which do not depend on its start and sense."""
+def neighbours(loop: str) -> frozenset[frozenset[str]]:
+    """Return the pairs of neighbouring joints of a loop "joint-joint-...", which do not depend on its start and sense."""
     names = loop.split("-")
     return frozenset(frozenset(pair) for pair in zip(names, [*names[1:], names[0]], strict=True))
 
 
 def loops_off(form: dict[str, list[str]]) -> float:
-    """Return the number of loops "joint-joint-..." that only the paper (`form`, by linkage) or only the suite has."""
-    own = {name: {cyclic(str(loop)) for loop in find_graph(load(name)).loops} for name in form}
-    return float(sum(len(own[name] ^ {cyclic(loop) for loop in loops}) for name, loops in form.items()))
+    """Return the number of loops that only the paper has (`form`: linkage -> its loops "joint-joint-...") or only the suite."""
+    count = 0
+    for name, loops in form.items():
+        own = {neighbours(str(loop)) for loop in find_graph(load(name)).loops}
+        count += len(own ^ {neighbours(loop) for loop in loops})
+    return float(count)
 
 
 def six_bar_blocks(phi: Array, rate: Array) -> Blocks:
-    """Return J (4, 4), J', B (4, 1) and B' of the six-bar as printed in section 1.2.5.
+    """Return J (4, 4), B (4, 1) and their rates, in the order J, J', B, B', of the six-bar as printed in section 1.2.5.
 
     phi and rate (4,) are the angles phi1 (the input), phi2, phi3, phi5 and their rates; the columns of J are for phi2, phi3, phi5
     and the slide s.
@@ -260,13 +270,13 @@ def six_bar_blocks(phi: Array, rate: Array) -> Blocks:
     return np.array(J), np.array(J_rate), np.array(B), np.array(B_rate)
 
 
-def six_bars() -> list[DrivenLinkage]:
+def list_six_bars() -> list[DrivenLinkage]:
     """Return the six-bar of `list_driven` at each of TIMES."""
     return [linkage for linkage in list_driven() if linkage.equations.mechanism.name == "six_bar"]
 
 
 def blocks_off(form: Callable[[Array, Array], Blocks], linkage: DrivenLinkage) -> float:
-    """Return the largest difference of form(angles, rates), the matrices `six_bar_blocks`, from those of the suite.
+    """Return the largest difference of form(phi, rate), the matrices of `six_bar_blocks`, from those of the suite.
 
     The paper may pass a loop in the opposite sense, so that the two equations of each loop may have the opposite sign.
     """

@@ -30,7 +30,7 @@ from gauss_bench.terms import Array
 
 POSITIONS = 72  # number of positions of the linkage in a turn of the crank, 5 degrees of crank angle apart
 SEED, STARTS = 2009, 100  # seed and number of random starts
-NEAREST = 1e-6  # [rad] least angle from the direction in which the quotient is undefined; nearer, positions show rounding
+NEAREST = 1e-6  # [rad] least angle from the direction in which the quotient is undefined; at smaller angles rounding prevails
 SAME = 1e-6  # [m] largest distance of equal points, far below the distance of two assemblies
 
 
@@ -60,7 +60,7 @@ def load_shaper() -> Mechanism:
 
 
 @cache
-def turn_states() -> Array:
+def positions_of_turn() -> Array:
     """Return the positions q (POSITIONS, n) of the shaper at equally spaced angles of one turn of its driven crank."""
     motion, angles = MinimalCoordinate(load_shaper()), 2 * np.pi * np.arange(POSITIONS) / POSITIONS
     return np.concatenate([motion.geometry(np.array([angle]))[0] for angle in angles])
@@ -68,8 +68,8 @@ def turn_states() -> Array:
 
 @cache
 def shapers() -> tuple[Shaper, ...]:
-    """Return the shaper in the positions `turn_states`."""
-    shaper, q = load_shaper(), turn_states()
+    """Return the shaper in POSITIONS positions of one turn of its driven crank."""
+    shaper, q = load_shaper(), positions_of_turn()
     O1, O2 = (complex(*shaper.ground_points[name]) for name in ("O1", "O2"))
     points = {link.name: link.points for link in shaper.links}
     lever = float(np.linalg.norm(points["lever"]["B"] - points["lever"]["O1"]))
@@ -101,12 +101,12 @@ def lengths(x: Shaper) -> tuple[float, float]:
 
 
 def lengths_off(form: Callable[[Shaper], tuple[float, float]], x: Shaper) -> float:
-    """Return the larger residual of the first two of eqs. (2), as in `lengths`, divided by the square of the lever's length."""
+    """Return the larger of the two residuals form(x), as in `lengths`, divided by the square of the lever's length."""
     return max(map(abs, form(x))) / x.lever**2
 
 
 def basic_off(form: list[str]) -> float:
-    """Return the range of a coordinate said to be constant over a turn of the crank, divided by the stroke of the ram.
+    """Return the range, over a turn of the crank, of a coordinate that is said to be constant, divided by the stroke of the ram.
 
     `form` has the name of the point, and "real" for its x coordinate or "imag" for its y coordinate.
     """
@@ -121,8 +121,8 @@ def collinear_off(form: list[str], x: Shaper) -> float:
     return float(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
 
 
-# function of O1, A and B that returns the residual of the third of eqs. (2): the three points lie on one line
-Line3 = Callable[[complex, complex, complex], float]
+# function of O1, A and B that returns the residual of the third of eqs. (2), by which the three points lie on one line
+LineEquation = Callable[[complex, complex, complex], float]
 
 
 def quotient(O1: complex, A: complex, B: complex) -> float:
@@ -135,57 +135,57 @@ def product(O1: complex, A: complex, B: complex) -> float:
     return cross(A - B, O1 - B) / (abs(A - B) * abs(O1 - B))
 
 
-def line_off(form: Line3) -> float:
+def line_off(form: LineEquation) -> float:
     """Return the largest residual `form` of the third of eqs. (2) at true positions with the lever nearly parallel to an axis.
 
     The whole linkage is rotated, at four positions of its turn, so that the lever has angles from NEAREST to 0.5 rad to either side
     of each axis.
     """
-    near = np.geomspace(NEAREST, 0.5, 12)
+    offsets = np.geomspace(NEAREST, 0.5, 12)  # [rad] from an axis
     errors = []
     for x in shapers()[:: POSITIONS // 4]:
         lever = float(np.angle(x.B - x.O1))
         for axis in np.arange(4) * np.pi / 2:
-            for angle in (*(axis + near), *(axis - near)):
-                y = x.turn(float(angle) - lever)
-                errors.append(abs(form(y.O1, y.A, y.B)))
+            for angle in (*(axis + offsets), *(axis - offsets)):
+                turned = x.turn(float(angle) - lever)
+                errors.append(abs(form(turned.O1, turned.A, turned.B)))
     return worst(errors)
 
 
-def find_pin(form: Line3, x: Shaper, near: complex) -> complex:
-    """Return the place of the pin B at which Newton's method, started at `near`, solves |B - O1| = L_O1B and `form` = 0."""
+def find_pin(form: LineEquation, x: Shaper, start: complex) -> complex:
+    """Return the place of the pin B that Newton's method, from `start`, finds as solution of |B - O1| = L_O1B and `form` = 0."""
 
-    def equations(place: Array) -> Array:
+    def residuals(place: Array) -> Array:
         """Return the residuals (2,) of the lever's length and of `form` with B at a place (2,)."""
         B = complex(place[0], place[1])
         return np.array([(abs(B - x.O1) / x.lever) ** 2 - 1, form(x.O1, x.A, B)])
 
-    def residual(p: Array) -> tuple[Array, Array]:
-        """Return the residuals and their Jacobian (2, 2) by central differences."""
-        steps = 1e-7 * np.eye(2)
-        return equations(p), np.stack([(equations(p + h) - equations(p - h)) / 2e-7 for h in steps], axis=1)
+    def equations(place: Array) -> tuple[Array, Array]:
+        """Return the residuals (2,) and their Jacobian (2, 2) by central differences."""
+        steps = 1e-7 * np.eye(2)  # [m]
+        return residuals(place), np.stack([(residuals(place + h) - residuals(place - h)) / 2e-7 for h in steps], axis=1)
 
     with np.errstate(all="ignore"):
-        return complex(*newton_raphson(residual, np.array([near.real, near.imag]), 1e-10).x)
+        return complex(*newton_raphson(equations, np.array([start.real, start.imag]), 1e-10).x)
 
 
-def search_off(form: Line3) -> float:
+def search_off(form: LineEquation) -> float:
     """Return the share of positions at which `find_pin`, started at the previous position, does not find the pin B within SAME.
 
     The shaper is tested as it is drawn, with its lever near the vertical, and rotated by 90 degrees.
     """
-    lost = 0
+    missed = 0
     for angle in (0.0, np.pi / 2):
-        places = [x.turn(angle) for x in shapers()]
-        for before, x in zip(places, [*places[1:], places[0]], strict=True):
-            lost += not abs(find_pin(form, x, before.B) - x.B) < SAME
-    return lost / (2 * POSITIONS)
+        turned = [x.turn(angle) for x in shapers()]
+        for previous, x in zip(turned, [*turned[1:], turned[0]], strict=True):
+            missed += not abs(find_pin(form, x, previous.B) - x.B) < SAME  # also if the result is NaN
+    return missed / (2 * POSITIONS)
 
 
-def from_before() -> float:
-    """Return the largest change [m] of an unknown coordinate of the point equations while the crank turns by 5 degrees."""
+def change_between_positions() -> float:
+    """Return the largest change [m] of an unknown coordinate of the point equations between two of the POSITIONS."""
     model = PointModel(load_shaper())
-    unknown = np.array([model.points.unknown_at(q) for q in turn_states()])
+    unknown = np.array([model.points.unknown_at(q) for q in positions_of_turn()])
     return float(np.abs(unknown - np.roll(unknown, 1, axis=0)).max())
 
 

@@ -21,7 +21,7 @@ SEED = 2016
 SIZES = ((7, 4, 0), (5, 1, 0), (9, 6, 0), (7, 4, 2), (6, 3, 1))  # numbers of coordinates, independent rows and dependent rows
 EACH = 6  # random problems of each size
 CRANK = 2  # index of the crank angle in the example's coordinates
-MILLIMETRES = np.array([1e3, 1e3, 1.0, 1e3, 1e3, 1.0, 1e3])
+MILLIMETRES = np.array([1e3, 1e3, 1.0, 1e3, 1e3, 1.0, 1e3])  # factors on the example's coordinates: 1 for angles
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ def add_multipliers(M: Array, f: Array, Q: Array, J: Array, g: Array, a: Array) 
 
 
 def solve_problem(M: Array, f: Array, Q: Array, J: Array, g: Array, independent: int) -> Problem:
-    """Return the problem with its solution; the first `independent` rows of J are independent, the others are combinations."""
+    """Return the problem with its solution; the first `independent` rows of J are independent, the others combinations of them."""
     zero = np.zeros(independent)
     a = lagrange(Terms(M, J[:independent], Q - f, g[:independent], zero, zero)).a
     return add_multipliers(M, f, Q, J, g, a)
@@ -102,8 +102,8 @@ def redundant_problems() -> list[Problem]:
 
 
 def draw() -> np.random.Generator:
-    """Return a generator of the random vectors and inverses with which forms are tested on a problem."""
-    return np.random.default_rng(SEED + 2)  # not the numbers of which the problems are made
+    """Return a new generator of the random vectors and inverses with which forms are tested on a problem."""
+    return np.random.default_rng(SEED + 2)  # another seed than that of the problems
 
 
 @cache

@@ -22,19 +22,19 @@ Long = NDArray[Any]  # array of numbers of extended precision
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """The elementary functions for one type of value (arrays or symbols), and the conversion of a constant to this type."""
+    """The elementary functions for one type of value (arrays or symbols), and the conversion of a number to this type."""
 
     cos: Callable[[Value], Value]
     sin: Callable[[Value], Value]
     sqrt: Callable[[Value], Value]
-    constant: Callable[[Any], Value]
+    convert: Callable[[Any], Value]
 
-    def of(self, number: Any) -> Value:
-        """Return the value for a constant: the literal 0, 1 or -1 if the number is equal to it, else `constant(number)`."""
+    def constant(self, number: Any) -> Value:
+        """Return the value of a constant: the literal 0, 1 or -1 if the number is equal to it, else `convert(number)`."""
         for literal in (0, 1, -1):
             if number == literal:
                 return literal
-        return self.constant(number)
+        return self.convert(number)
 
 
 NUMBERS = Arithmetic(np.cos, np.sin, np.sqrt, lambda x: x)
@@ -49,8 +49,8 @@ def total(values: Any) -> Value:
     """Return the sum of values, added in pairs, then in pairs of pairs, so that long sums have the least rounding errors."""
     parts = [x for x in values if not vanishes(x)]
     while len(parts) > 1:
-        alone = parts[-1:] if len(parts) % 2 else []
-        parts = [a + b for a, b in zip(parts[::2], parts[1::2], strict=False)] + alone
+        unpaired = parts[-1:] if len(parts) % 2 else []
+        parts = [a + b for a, b in zip(parts[::2], parts[1::2], strict=False)] + unpaired
     return parts[0] if parts else 0
 
 
@@ -64,7 +64,7 @@ def scale_by(k: Value, a: Vector) -> Vector:
     return k * a[0], k * a[1]
 
 
-def quarter(a: Vector) -> Vector:
+def perp(a: Vector) -> Vector:
     """Return i a, the vector turned by 90 degrees counterclockwise."""
     return -a[1], a[0]
 
@@ -88,10 +88,10 @@ def cross(a: Vector, b: Vector) -> Value:
 def epsilon(number: Number) -> float:
     """Return the distance from 1 to the next larger number of a number type."""
     one = number("1")
-    half = one / 2
-    while one + half != one:
-        half = half / 2
-    return float(half * 2)
+    power = one / 2  # of 1/2
+    while one + power != one:
+        power = power / 2
+    return float(power * 2)
 
 
 def stack_arrays(values: Sequence[Value], like: Long) -> Long:

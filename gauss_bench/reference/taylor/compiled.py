@@ -44,8 +44,7 @@ class CompiledSeries:
         right_sides = [motion.velocity.get(j, 0) for j in range(n)] + motion.free
         system = [(symbol, zero + value) for symbol, value in zip(state, right_sides, strict=True)]
         self.taylor: Any = heyoka.taylor_adaptive(system, [number("0")] * len(system), fp_type=number, compact_mode=True)
-        # heyoka counts parameters up to the last that occurs in the simplified equations: further values are cut off, here and
-        # below
+        # heyoka has parameters up to the last one in the simplified equations: further values are left out, here and below
         self.taylor.pars[:] = [number(digits) for digits in constants][: len(self.taylor.pars)]
         pivots = factorise(rows.entries(Instant(state[:n], symbols(watch_constants))), chart.order).pivots
         watch = heyoka.cfunc([zero + x for x in pivots], vars=state[:n], compact_mode=True) if pivots else None

@@ -22,7 +22,7 @@ from gauss_bench.terms import Array
 Entries = Mapping[int, Value]  # column -> value
 Order = tuple[tuple[int, int], ...]  # (row, column) of every pivot
 SMALL = 0.3  # least size of a pivot relative to the largest entry of its row
-TINY = 0.1  # least size relative to the largest entry of all, so that of dependent rows the one with larger entries is kept
+TINY = 0.1  # least size relative to the largest entry of all: of dependent rows, the one with the larger entries gets the pivot
 
 
 class Pivots(NamedTuple):
@@ -52,20 +52,20 @@ def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivot
     order: list[tuple[int, int]] = []
     smallest, weakest = np.inf, 0
     while rows:
-        part = np.abs(A[np.ix_(rows, columns)])
-        largest = part.max(axis=1, initial=0.0)
+        sizes = np.abs(A[np.ix_(rows, columns)])  # of the entries that remain
+        largest = sizes.max(axis=1, initial=0.0)
         pattern = structure[np.ix_(rows, columns)]
         # Markowitz's bound for the number of new entries if this entry becomes the pivot
         fill = (pattern.sum(axis=1) - 1)[:, None] * (pattern.sum(axis=0) - 1)[None, :]
-        usable = (part >= SMALL * largest[:, None]) & (part >= TINY * largest.max()) & (part > floor)
+        usable = (sizes >= SMALL * largest[:, None]) & (sizes >= TINY * largest.max()) & (sizes > floor)
         if not usable.any():
             return Pivots(tuple(order), float(smallest), weakest, float(largest.max()))
         # `fill` is an integer, so that a summand below 0.5 only decides between equal fill-in, in favour of the larger entry
-        cost = np.where(usable, fill + 0.5 / (1.0 + part), np.inf)
+        cost = np.where(usable, fill + 0.5 / (1.0 + sizes), np.inf)
         i, j = np.unravel_index(int(cost.argmin()), cost.shape)
         r, c = rows.pop(int(i)), columns.pop(int(j))
         order.append((r, c))
-        smallest, weakest = min((smallest, weakest), (float(abs(A[r, c])), r))
+        smallest, weakest = min((smallest, weakest), (float(abs(A[r, c])), r))  # pairs (size, row): the smaller size wins
         for other in rows:
             if structure[other, c]:
                 A[other] -= A[other, c] / A[r, c] * A[r]

@@ -122,8 +122,6 @@ def _reduce(
 ) -> tuple[list[list[Value]], list[Value]]:
     """Return T (f, f) and r (f,) of T u' = r, with f the number of free coordinates.
 
-    z and w are the velocity of a link's centre of mass and its angular velocity for a unit speed of a free coordinate.
-
     Args:
         v, a0: coordinate -> its velocity, and its acceleration if u' = 0.
         N: free coordinate -> its column of the null-space matrix, as coordinate -> value.
@@ -138,9 +136,10 @@ def _reduce(
     r: list[list[Value]] = [[] for _ in range(f)]
     for i, link in enumerate(coordinates.mechanism.links):
         centre, angle = coordinates.centres[i], coordinates.angle[i]
-        mass, inertia = at.arithmetic.of(link.mass), at.arithmetic.of(link.inertia)
+        mass, inertia = at.arithmetic.constant(link.mass), at.arithmetic.constant(link.inertia)
+        # z, w: velocity of the centre of mass and angular velocity of the link for a unit speed of each free coordinate
         z, w = [at.combine(centre, move) for move in moves], [column.get(angle, 0) for column in columns]
-        b = plus(at.combine(centre, linear), at.combine(centre, bias))
+        b = plus(at.combine(centre, linear), at.combine(centre, bias))  # acceleration of the centre of mass if u' = 0
         force = plus(loads.force[i], scale_by(-mass, b))
         moment = loads.moment[i] - inertia * (0 if angle == NONE else a0.get(angle, 0))
         for j in range(f):

@@ -62,21 +62,21 @@ class Wrench:
 
     def twist(self, b: int, a: int, torque: Value) -> None:
         """Apply a torque to link b and its reaction to link a."""
-        for link, signed in ((b, torque), (a, -torque)):
+        for link, moment in ((b, torque), (a, -torque)):
             if link != GROUND:
-                self.moment[link] = self.moment[link] + signed
+                self.moment[link] = self.moment[link] + moment
 
     def push(self, point: Point, force: Vector, link: int | None = None) -> None:
-        """Apply a force at the place of a point to the point's link, or to the link that is given."""
-        at = point.link if link is None else link
-        if at == GROUND:
+        """Apply a force that acts at a point to `link`, by default the link of the point; nothing is done for the ground."""
+        link = point.link if link is None else link
+        if link == GROUND:
             return
-        if at == point.link:  # arm: the vector from the centre of mass to the point
-            arm = self.coordinates.turn_vector(point.local, at)
+        if link == point.link:  # arm: the vector from the centre of mass to the point
+            arm = self.coordinates.turn_vector(point.local, link)
         else:
-            arm = merge(self.coordinates.point(point), less=self.coordinates.centres[at])
-        self.force[at] = plus(self.force[at], force)
-        self.moment[at] = self.moment[at] + cross(self.at.combine(arm), force)
+            arm = merge(self.coordinates.point(point), less=self.coordinates.centres[link])
+        self.force[link] = plus(self.force[link], force)
+        self.moment[link] = self.moment[link] + cross(self.at.combine(arm), force)
 
     def pull(self, b: Point, a: Point, force: Vector) -> None:
         """Apply a force to point b, and the opposite force, its reaction, to point a."""
@@ -93,8 +93,9 @@ class Loads(Wrench):
     """All applied forces on the links, gravity included, at given coordinates and velocities (coordinate -> velocity)."""
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant, v: Mapping[int, Value]):
+        """Begin with the weights of the links, and apply all forces of the linkage."""
         super().__init__(coordinates, at)
-        self.v, self.rate, self.constant = v, at.variation(v), at.arithmetic.of
+        self.v, self.rate, self.constant = v, at.variation(v), at.arithmetic.constant
         g = coordinates.mechanism.gravity
         self.force = [(self.constant(link.mass * g[0]), self.constant(link.mass * g[1])) for link in coordinates.mechanism.links]
         for f in coordinates.mechanism.forces:
@@ -112,7 +113,7 @@ class Loads(Wrench):
         return turn if index == NONE else self.at.x[index] + turn
 
     def _apply(self, f: Force) -> None:
-        """Apply a force of the linkage to the links on which it acts."""
+        """Apply a force of the linkage, with its reaction, to the links on which it acts."""
         match f:
             case Torque():
                 self.twist(f.link, f.reaction, self.constant(f.value))

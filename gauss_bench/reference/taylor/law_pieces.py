@@ -41,12 +41,12 @@ class Piece:
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
         """Return the value, rate and second rate that one driver prescribes at a time t within this interval of time."""
         value, rate, second = driver.law(self.begin)
-        zero, origin, ends = rate - rate, self.begin, find_breaks(table, self.number)  # zero in the type of number
+        zero, origin, breaks = rate - rate, self.begin, find_breaks(table, self.number)  # zero in the type of number
         coefficients = [value, rate, second / 2]  # a constant rate, unless one of the cases below holds
-        if ends and (self.begin >= max(ends) or ("rows" in table and self.begin < min(ends))):
+        if breaks and (self.begin >= max(breaks) or ("rows" in table and self.begin < min(breaks))):
             coefficients = [value]  # before and after its motion a law is constant
         elif "time" in table:  # a rise from t = 0 within `time`
-            start, time = driver.law(self.number("0"))[0], ends[0]
+            start, time = driver.law(self.number("0"))[0], breaks[0]
             travel = driver.law(time)[0] - start
             if driver.law.name != "poly345":
                 return wave(driver.law.name, start, travel, time, self.number(PI), t, arithmetic)
@@ -54,7 +54,7 @@ class Piece:
             coefficients, origin = [start, zero, zero, 10 * cube, -15 * cube / time, 6 * cube / (time * time)], zero
         elif "rows" in table:  # the cubic whose second derivative is linear between the knots
             coefficients.append((driver.law(self.end)[2] - second) / (self.end - self.begin) / 6)
-        return polynomial(coefficients, t - arithmetic.of(origin), arithmetic)
+        return polynomial(coefficients, t - arithmetic.constant(origin), arithmetic)
 
 
 def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arithmetic: Arithmetic) -> Law:
@@ -62,15 +62,15 @@ def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arith
 
     The rise is start + speed t + A (cos w t - 1) + B sin w t.
     """
-    sine, convert = name == "sine", arithmetic.of
+    sine, constant = name == "sine", arithmetic.constant
     zero = travel - travel  # in the type of number of the travel
     w = 2 * pi / time if sine else pi / time
     speed = travel / time if sine else zero
     A, B = (zero, -speed / w) if sine else (-travel / 2, zero)
-    c, s = arithmetic.cos(convert(w) * t), arithmetic.sin(convert(w) * t)
-    value = convert(start - A) + (convert(speed) * t + (convert(A) * c + convert(B) * s))
-    rate = convert(speed) + (convert(B * w) * c - convert(A * w) * s)
-    return value, rate, 0 - (convert(A * w * w) * c + convert(B * w * w) * s)
+    c, s = arithmetic.cos(constant(w) * t), arithmetic.sin(constant(w) * t)
+    value = constant(start - A) + (constant(speed) * t + (constant(A) * c + constant(B) * s))
+    rate = constant(speed) + (constant(B * w) * c - constant(A * w) * s)
+    return value, rate, 0 - (constant(A * w * w) * c + constant(B * w * w) * s)
 
 
 def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
@@ -78,10 +78,10 @@ def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
     levels = []
     for _ in range(3):
         value: Value = 0
-        for a in reversed(c):
-            value = arithmetic.of(a) + x * value
+        for a in reversed(c):  # Horner's scheme
+            value = arithmetic.constant(a) + x * value
         levels.append(value)
-        c = [k * a for k, a in enumerate(c)][1:]
+        c = [k * a for k, a in enumerate(c)][1:]  # coefficients of the derivative
     return levels[0], levels[1], levels[2]
 
 

@@ -81,6 +81,7 @@ class LoopRows:
         zero = x[:, 0] - x[:, 0]  # (k,) in the type of x
 
         def residual(x: Long) -> Long:
+            """Return the residuals (k, m) at positions x (k, n)."""
             residuals = self.residuals(at_states(x), laws)
             return stack_arrays([*residuals, *(0 for _ in self.edges)], zero)  # knife edges restrict only velocities
 
@@ -127,13 +128,13 @@ class LoopRows:
         for quantity, (value, first, second) in zip(self.prescribed, laws, strict=True):
             if quantity.gap:
                 # the second derivative of (d . d - L^2) / 2 for x'' = 0; u is d', b is d''
-                d, u, b = (at.combine(quantity.gap, of) for of in (at, rate, bias))
+                d, u, b = (at.combine(quantity.gap, vectors) for vectors in (at, rate, bias))
                 biases.append(first * first + value * second - (dot(u, u) + dot(d, b)))
             else:
                 biases.append(second)
         for angle, point, normal in self.edges:
-            n = at.combine(normal)  # turns with the link, so that n' . P' = theta' n x P'
-            u, b = (at.combine(point, of) for of in (rate, bias))
+            n = at.combine(normal)  # n turns with the link, so that n' . P' = theta' n x P'
+            u, b = (at.combine(point, vectors) for vectors in (rate, bias))
             biases.append(-(dot(n, b) + v.get(angle, 0) * cross(n, u)))
         return biases
 
@@ -168,9 +169,8 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tupl
     """Return the constraint rows of the mechanism and its start, and their right-hand sides at t = 0.
 
     Returns:
-        held: the rows, in the order: loops, points, drivers, angles and slides of the start, knife edges.
-        laws: value, rate and second rate of every prescribed quantity, those of the drivers first.
-        rates: the right-hand side b of A x' = b.
+        The rows, in the order: loops, points, drivers, angles and slides of the start, knife edges; the laws (value, rate and
+        second rate) of every prescribed quantity, those of the drivers first; and the right-hand side b of A x' = b.
     """
     coordinates, start, zero = rows.coordinates, scenario.get("start", {}), number("0")
     mechanism = coordinates.mechanism
@@ -188,7 +188,7 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tupl
         speeds += [*pair(number, start.get("point_velocities", {}).get(reference, (0, 0)))]
     held = replace(rows, closures=(*rows.closures, *points), prescribed=(*rows.prescribed, *prescribed))
     rates = held.rates(laws)
-    loops = 2 * len(rows.closures)  # points are closures behind those of the loops, and move at given speeds
+    loops = 2 * len(rows.closures)  # the closures of points come after those of the loops, and have the given velocities
     rates[loops : loops + len(speeds)] = speeds
     return held, laws, rates
 
@@ -224,9 +224,10 @@ def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: 
     n, eps = rows.coordinates.n, epsilon(number)
     held, laws, rates = hold_start(rows, scenario, number)
     x = np.array([[exact(number, value) for value in guess.tolist()]]).reshape(1, n)
-    # decimals of the start may contradict the loops in their last digits, so that the loops alone are closed once more
-    for group in (held, rows):
-        x = group.close(x, laws[: len(group.prescribed)], eps)
+    # first with the values of the start; their decimals may contradict the loops in the last digits, so that the loops and drivers
+    # alone are closed once more
+    for constraints in (held, rows):
+        x = constraints.close(x, laws[: len(constraints.prescribed)], eps)
     A, b = held.entries(at_states(x)), stack_arrays(rates, x[:, 0])
     v = solve_by_chord(lambda v: multiply(A, v) - b, pseudo_inverse(to_dense(A, 1, n)), np.zeros_like(x), eps)
     return x, v

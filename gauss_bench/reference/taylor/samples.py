@@ -28,7 +28,7 @@ from gauss_bench.reference.taylor.forces import Loads, Wrench
 from gauss_bench.reference.taylor.rows import LoopRows
 from gauss_bench.reference.taylor.vector_sums import NONE, Instant, LoopCoordinates, Vectors, at_states
 
-BALANCE = 1e-25  # largest relative residual of the equations of motion in 128 bit; in proportion to the rounding of other numbers
+BALANCE = 1e-25  # largest relative residual of the equations of motion in 128 bit; for other numbers it is scaled to their rounding
 ROUNDING = 2.0**-112  # relative rounding of numbers with 128 bit
 
 
@@ -84,11 +84,11 @@ def sample(
     rate_gaps = multiply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), zero)
     gap, rate_gap, fastest = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (gaps, rate_gaps, states.v))
     if not max(gap, rate_gap / (1.0 + fastest)) < eps**0.5:
-        raise Inconsistent(f"the loops come open by {gap:.1e} m or rad, their rates by {rate_gap:.1e} per second")
+        raise Inconsistent(f"the loops are open by {gap:.1e} m or rad, and their rates differ by {rate_gap:.1e} per second")
     Q = stack_arrays(Loads(coordinates, at, v).flat(), zero)
     multipliers, imbalance = joint_forces(reactions(coordinates, at), Q - mechanism.mass * acceleration, redundant, eps)
     if not imbalance < BALANCE / ROUNDING * eps:  # BALANCE holds for 128 bit; it is scaled to the rounding of this type
-        raise Inconsistent(f"the equations of motion are met only to {imbalance:.1e} of the joint forces")
+        raise Inconsistent(f"the equations of motion are satisfied only to {imbalance:.1e} of the joint forces")
     return Motion(tuple(times), q, velocity, acceleration, None if redundant else multipliers, (gap, rate_gap), stopped, method)
 
 
@@ -132,7 +132,7 @@ def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value
 def joint_forces(rows: list[dict[int, Value]], force: Long, redundant: int, eps: float) -> tuple[Long, float]:
     """Return the multipliers (k, m) of J^T lambda = force (k, n), and the largest residual relative to the forces.
 
-    If rows are redundant, some multipliers are set to zero and the others are not unique; the residual is meaningful all the same.
+    If rows are redundant, the multipliers of dependent rows are set to zero, and the others depend on the choice of these rows.
 
     Raises:
         Unsolved: the rows of J at a sample are linearly dependent in double precision.
@@ -142,17 +142,17 @@ def joint_forces(rows: list[dict[int, Value]], force: Long, redundant: int, eps:
     k, n = force.shape
     multipliers = np.zeros((k, len(rows)), dtype=force.dtype)
     J, count = to_dense(rows, k, n), len(rows) - redundant
-    kept = sorted(qr(J[0].T, mode="r", pivoting=True)[1][:count].tolist()) if count else []  # independent rows
+    independent = sorted(qr(J[0].T, mode="r", pivoting=True)[1][:count].tolist()) if count else []  # indices of rows
 
     def residual(x: Long) -> Long:
-        """Return J^T x - force (k, n) for multipliers x (k, kept) of the kept rows."""
+        """Return J^T x - force (k, n) for multipliers x (k, count) of the independent rows."""
         remaining = -force
-        for i, r in enumerate(kept):
+        for i, r in enumerate(independent):
             for j, value in rows[r].items():
                 remaining[:, j] = remaining[:, j] + value * x[:, i]
         return remaining
 
-    inverse = pseudo_inverse(np.swapaxes(J[:, kept], 1, 2))
-    multipliers[:, kept] = solve_by_chord(residual, inverse, multipliers[:, kept], eps)
-    off, scale = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (residual(multipliers[:, kept]), force))
+    inverse = pseudo_inverse(np.swapaxes(J[:, independent], 1, 2))
+    multipliers[:, independent] = solve_by_chord(residual, inverse, multipliers[:, independent], eps)
+    off, scale = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (residual(multipliers[:, independent]), force))
     return multipliers, off / max(scale, 1e-300)

@@ -27,10 +27,10 @@ from gauss_bench.reference.taylor.rows import LoopRows, loop_rows, start_state
 from gauss_bench.reference.taylor.samples import LoopStates, sample
 from gauss_bench.reference.taylor.vector_sums import LoopCoordinates, at_states
 
-WORN = 0.1  # size of a pivot, in units of its coordinate, below which another order is chosen
-WEAKER = 0.5  # if the best order has smaller pivots, the next order is chosen when its smallest pivot has halved
-GOOD_ENOUGH = 0.7  # smallest pivot relative to the best chart's, with which a chart is used if it is compiled already
-SINGULAR = 1e-5  # size of a pivot that costs five of thirty-three digits
+WORN = 0.1  # size of a pivot, in units of its coordinate, below which another chart is chosen
+WEAKER = 0.5  # if the best chart has smaller pivots, the next chart is chosen when its smallest pivot has halved
+GOOD_ENOUGH = 0.7  # least ratio of smallest pivots, to the best chart's, with which a chart that is already compiled is preferred
+SINGULAR = 1e-5  # size of a pivot below which a position counts as singular: it costs five of thirty-three digits
 COLLAPSED = 1e-7  # length relative to the longest step: shorter steps show a singularity that is not in the pivots
 PARTS = 4  # number of times within a step at which the pivots are computed
 
@@ -116,56 +116,56 @@ class March:
         """
         t, state = self.times[0], np.concatenate([x[0], v[0, list(chart.free)]])
         least_pivot, stopped = WORN, ""  # if a pivot is smaller than `least_pivot`, the chart is changed
-        parts = [self._states(chart, [(t, state)])]
+        parts = [self._states_of(chart, [(t, state)])]
         for k, piece in enumerate(self.pieces):
             end = self.times[-1] if piece.end is None else min(piece.end, self.times[-1])
             while t < end and not stopped:
                 key = (chart.order, k)
                 if key not in self.compiled:
                     self.compiled[key] = CompiledSeries(self.rows, chart, piece, self.number)
-                t, state, samples, worn, stopped = self._leg(self.compiled[key], t, state, end, least_pivot)
+                t, state, samples, worn, stopped = self._integrate_leg(self.compiled[key], t, state, end, least_pivot)
                 if samples:
-                    parts.append(self._states(chart, samples))
+                    parts.append(self._states_of(chart, samples))
                 if worn and not stopped:
-                    fresh, pivots = self._other_chart(chart, k, state)
+                    new_chart, pivots = self._change_chart(chart, k, state)
                     if len(pivots.order) != len(chart.order) or pivots.smallest < SINGULAR:
                         depends = f"the rows of {self.rows.names[pivots.weakest]} depend on the others"
                         stopped = f"the position at t = {float(t):.6g} s is singular: {depends} (pivot {pivots.smallest:.1e})"
                         break
-                    here = self._states(chart, [(t, state)])
+                    last = self._states_of(chart, [(t, state)])
                     # a chart satisfies only independent rows, and errors in the others would grow at every change of the chart
-                    closed = self.rows.close(here.x, self.rows.laws(here.t), epsilon(self.number))
-                    state = np.concatenate([closed[0], here.v[0, list(fresh.free)]])
-                    chart, least_pivot = fresh, min(WORN, WEAKER * pivots.smallest)
+                    closed = self.rows.close(last.x, self.rows.laws(last.t), epsilon(self.number))
+                    state = np.concatenate([closed[0], last.v[0, list(new_chart.free)]])
+                    chart, least_pivot = new_chart, min(WORN, WEAKER * pivots.smallest)
         return LoopStates(*(np.concatenate([getattr(part, level) for part in parts]) for level in "txva")), stopped
 
-    def _other_chart(self, chart: Chart, k: int, state: Long) -> tuple[Chart, Pivots]:
+    def _change_chart(self, chart: Chart, k: int, state: Long) -> tuple[Chart, Pivots]:
         """Return a better chart at a state within time interval k, and its pivots.
 
         A chart that is compiled already is preferred if its smallest pivot is larger than GOOD_ENOUGH times that of the best chart.
         """
         x = state[: self.rows.coordinates.n]
-        fresh, best = choose_chart(self.rows, at_states(x[None]), chart.scale)
+        best_chart, best = choose_chart(self.rows, at_states(x[None]), chart.scale)
         for (order, piece), series in self.compiled.items():
             smallest = float(np.abs(series.pivots(state)).min())
             if piece == k and smallest > GOOD_ENOUGH * best.smallest:
                 return series.chart, best._replace(order=order, smallest=smallest)
-        return fresh, best
+        return best_chart, best
 
-    def _leg(self, series: CompiledSeries, t: Any, state: Long, end: Any, least_pivot: float) -> Leg:
+    def _integrate_leg(self, series: CompiledSeries, t: Any, state: Long, end: Any, least_pivot: float) -> Leg:
         """Integrate in one chart from a state at time t up to `end` [s], or to the first step with a pivot below `least_pivot`.
 
         A step in which a pivot changes its sign is repeated with half the length, so that no pivot passes zero. The motion stops if
         the series is not finite, if steps become extremely short, or if a pivot vanishes at the beginning of this part.
         """
         samples: list[tuple[Any, Long]] = []
-        ahead = [x for x in self.times if x > t]
+        ahead = [x for x in self.times if x > t]  # sample times that are not reached yet
         signs = np.sign(series.pivots(state))
         begin, limit = t, end - t
         while True:
             h = series.step(t, state, limit)
             if h is None:
-                return Leg(t, state, samples, stopped=f"the Taylor series ceases to be finite after t = {float(t):.6g} s")
+                return Leg(t, state, samples, stopped=f"the Taylor series is not finite after t = {float(t):.6g} s")
             self.longest = max(self.longest, float(h))
             now = end if t + h >= end else t + h
             pivots = np.array([series.pivots(series.at(t + h * part / PARTS)) for part in range(1, PARTS + 1)])
@@ -174,7 +174,7 @@ class March:
                 if float(limit) > COLLAPSED * self.longest:
                     continue
                 text = f"the position at t = {float(t):.6g} s is singular: a pivot of the loops vanishes in every chart"
-                # after some steps another chart may help; at the beginning of a leg the chart is fresh, so that none would
+                # after some steps another chart may help; at the beginning of a leg the chart is new, and no other would help
                 return Leg(t, state, samples, worn=True, stopped="" if t > begin else text)
             while ahead and ahead[0] <= now:
                 samples.append((ahead[0], series.at(ahead.pop(0))))
@@ -189,7 +189,7 @@ class March:
                 text = f"{where}: the motion is singular there{'' if series.chart.free else ', or at a limit of its motion'}"
                 return Leg(now, state, samples, stopped=text)
 
-    def _states(self, chart: Chart, samples: list[tuple[Any, Long]]) -> LoopStates:
+    def _states_of(self, chart: Chart, samples: list[tuple[Any, Long]]) -> LoopStates:
         """Return positions, velocities and accelerations of all coordinates at samples (time, state) of one chart.
 
         The values that drivers prescribe are computed by the motion laws themselves, and not by the formulas of the compiled code.

@@ -27,21 +27,10 @@ import numpy as np
 
 from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Prismatic
-from gauss_bench.reference.taylor.arithmetic import (
-    NUMBERS,
-    Arithmetic,
-    Long,
-    Value,
-    Vector,
-    plus,
-    product,
-    quarter,
-    scale_by,
-    total,
-)
+from gauss_bench.reference.taylor.arithmetic import NUMBERS, Arithmetic, Long, Value, Vector, perp, plus, product, scale_by, total
 from gauss_bench.terms import Array
 
-NONE = -1  # in place of the index of an angle a vector in world axes; in place of the index of a displacement the length 1
+NONE = -1  # in place of the index of an angle: the vector does not turn; in place of that of a displacement: its length is 1
 
 Key = tuple[int, int]  # (angle, displacement): vectors with the same key differ by a constant factor
 
@@ -61,6 +50,7 @@ class VectorTerm(NamedTuple):
 
     @property
     def key(self) -> Key:
+        """The indices of angle and displacement; terms with the same key are added."""
         return self.angle, self.length
 
 
@@ -114,10 +104,10 @@ class LoopCoordinates:
         self.turn = [turn[i] for i in links]
         self.turn_gaps = [turn[j.block.link] - turn[j.guide.link] - j.turn for j in slides if id(j) not in in_tree]
         self.slides = {j.name: k for k, j in enumerate(slides, start=len(self.roots))}
-        alone = [step.link for step in steps if step.joint is None]
+        unconnected = [step.link for step in steps if step.joint is None]
         first = len(self.roots) + len(slides)
-        self.free = {link: first + 2 * k for k, link in enumerate(alone)}
-        self.n = first + 2 * len(alone)
+        self.free = {link: first + 2 * k for k, link in enumerate(unconnected)}
+        self.n = first + 2 * len(unconnected)
         self.centres: list[Sum] = [()] * len(mechanism.links)
         for step in steps:  # from the ground outwards
             self.centres[step.link] = self._centre(step, zero)
@@ -193,11 +183,11 @@ def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
     Links that slides connect to a link come directly after this link.
     """
     # link -> its neighbours, each with the joint; the ground, -1, comes first
-    beside: dict[int, list[tuple[int, Joint]]] = {i: [] for i in range(GROUND, len(mechanism.links))}
+    neighbours: dict[int, list[tuple[int, Joint]]] = {i: [] for i in range(GROUND, len(mechanism.links))}
     for joint in mechanism.joints:
         a, b = (point.link for point in joint.ends)
-        beside[a].append((b, joint))
-        beside[b].append((a, joint))
+        neighbours[a].append((b, joint))
+        neighbours[b].append((a, joint))
     reached: set[int] = set()  # links
     steps: list[TreeStep] = []
 
@@ -207,14 +197,17 @@ def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
             return []
         reached.add(step.link)
         steps.append(step)
-        tied = [TreeStep(step.link, other, joint) for other, joint in beside[step.link] if isinstance(joint, Prismatic)]
-        return [step.link, *(link for tie in tied for link in reach(tie))]
+        added = [step.link]
+        for other, joint in neighbours[step.link]:
+            if isinstance(joint, Prismatic):
+                added += reach(TreeStep(step.link, other, joint))
+        return added
 
-    for root in beside:  # the ground first, then every link that is not yet reached
+    for root in neighbours:  # the ground first, then every link that is not yet reached
         queue = deque(reach(TreeStep(GROUND, root, None)))
         while queue:
             link = queue.popleft()
-            for other, joint in beside[link]:
+            for other, joint in neighbours[link]:
                 if not isinstance(joint, Prismatic):
                     queue += reach(TreeStep(link, other, joint))
     return steps[1:]  # without the step to the ground itself
@@ -250,8 +243,9 @@ class Instant:
 
         @cache
         def change_of(key: Key) -> Vector:
+            """Return the change of the vector l e with a key."""
             angle, length = key
-            turn = scale_by(dx.get(angle, 0), quarter(self(key)))
+            turn = scale_by(dx.get(angle, 0), perp(self(key)))
             return plus(turn, scale_by(dx.get(length, 0), self((angle, NONE))))
 
         return change_of
@@ -261,18 +255,19 @@ class Instant:
 
         @cache
         def bias_of(key: Key) -> Vector:
+            """Return the centripetal plus Coriolis acceleration of the vector l e with a key."""
             angle, length = key
             w = v.get(angle, 0)
             inward = scale_by(-(w * w), self(key))
-            return plus(inward, scale_by(2 * (v.get(length, 0) * w), quarter(self((angle, NONE)))))
+            return plus(inward, scale_by(2 * (v.get(length, 0) * w), perp(self((angle, NONE)))))
 
         return bias_of
 
     def combine(self, terms: Sum, vectors: Vectors | None = None) -> Vector:
         """Return sum_k c_k vectors(key_k) for the terms of a sum; by default `vectors` gives the vectors l e themselves."""
-        vector_of, of = vectors or self, self.arithmetic.of
-        parts = [product((of(t.x), of(t.y)), vector_of(t.key)) for t in terms]
-        return total(p[0] for p in parts), total(p[1] for p in parts)
+        vector_of, constant = vectors or self, self.arithmetic.constant
+        products = [product((constant(t.x), constant(t.y)), vector_of(t.key)) for t in terms]
+        return total(x for x, _ in products), total(y for _, y in products)
 
     def gradient(self, terms: Sum) -> dict[int, Vector]:
         """Return coordinate -> partial derivative of a sum of vectors l e, for every coordinate on which the sum depends."""
@@ -281,5 +276,5 @@ class Instant:
 
 
 def at_states(x: Long) -> Instant:
-    """Return the vectors l e at k states with loop coordinates x (k, n)."""
+    """Return the vectors l e at k states with loop coordinates x (k, n), as arrays (k,)."""
     return Instant(list(x.T), NUMBERS)
