@@ -10,15 +10,12 @@ import pytest
 import gauss_bench
 from gauss_bench.api.exchange import Export
 from gauss_bench.bench.cases import Case, as_asked
-from gauss_bench.engines.shared import LibraryEngine
-from gauss_bench.engines.variants import read_variants
 from gauss_bench.judge import Subject, completeness, examine, judge
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.build import sample_times
 from gauss_bench.runs.offers import ChoiceError, duration, usable_steps
 from gauss_bench.runs.one_run import sampling, sampling_through
-from tests.conftest import DATA
 from tests.engine_runs import by_gauss
 
 
@@ -114,7 +111,3 @@ def test_former_names_serve_for_one_release_with_a_warning():
         assert mechanism.placed("crank") == mechanism.find_body("crank")
     with pytest.warns(DeprecationWarning, match="find_point"):
         assert mechanism.named_point("ground.A").name == "ground.A"
-    variants = read_variants(DATA / "room")
-    with pytest.warns(DeprecationWarning, match="beside"):
-        adapter = type("Adapter", (LibraryEngine,), {}, file=variants)
-    assert adapter.settings is variants.settings
