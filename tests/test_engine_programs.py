@@ -88,8 +88,8 @@ def test_every_setting_of_drake_has_its_closure_and_integrator():
 def test_what_no_program_holds_is_refused_with_the_reason():
     for engine, name, settings, words in (
         ("bullet", "four_bar", "coordinates=bodies", "every link is a free body"),
-        ("bullet", "jansen", "default", "none at or between points"),
-        ("dart", "jansen", "default", "none at or between points"),
+        ("bullet", "jansen", "default", "no forces at points or between points"),
+        ("dart", "jansen", "default", "no forces at points or between points"),
     ):
         with pytest.raises(RunFailure, match=words):
             write(engine, load(name), settings)

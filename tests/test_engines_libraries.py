@@ -92,7 +92,7 @@ REFUSED = {  # linkage, scenario -> a word of the reason
         ("wedge", None): "loop of slides",
         ("loaded", "axis"): "axis_on_a_carried_link",
         ("loaded", "frame"): "turned_with_a_third",
-        ("five_bar", "driven"): "pin between a driven link and the ground",
+        ("five_bar", "driven"): "pin between this link and the ground",
     },
     "casadi": {("parallelogram", "torque"): "redundant"},
 }

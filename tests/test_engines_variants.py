@@ -15,6 +15,7 @@ import gauss_bench
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.own_options import OptionError, OptionTable
+from gauss_bench.engines.shared import LibraryEngine
 from gauss_bench.engines.variants import OWN_SEARCH, VariantError, read_variants
 from gauss_bench.linkage.load import load
 from gauss_bench.runs.offers import ChoiceError, offer
@@ -46,6 +47,13 @@ def test_a_line_is_a_variant_and_a_list_is_every_entry(tmp_path):
     assert found.knobs["rounds"].source.startswith(OWN_SEARCH)
     with pytest.raises(KeyError, match="neither settings nor a variant"):
         found.options("many")
+
+
+def test_an_adapter_may_still_name_the_content_of_its_file_with_a_warning(tmp_path):
+    found = made(tmp_path, GOOD)
+    with pytest.warns(DeprecationWarning, match="beside"):
+        adapter = type("Adapter", (LibraryEngine,), {}, file=found)
+    assert adapter.settings is found.settings
 
 
 SOFT = GOOD.replace("rounds = 20,", 'soft = "the loops are springs of some stiffness", rounds = 20,')

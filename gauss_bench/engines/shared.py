@@ -1,5 +1,6 @@
 """Functions that adapters to libraries share: reasons to refuse a linkage, and checks of a library's model against the linkage."""
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,9 +49,13 @@ class LibraryEngine(EngineDefaults):
     settings: Mapping[str, Mapping[str, Any]]
     file: Variants
 
-    def __init_subclass__(cls, beside: str = "") -> None:
-        if beside:  # without it, a subclass of an adapter inherits that adapter's settings
-            cls.file = file = read_variants(Path(beside).parent)
+    def __init_subclass__(cls, file: Variants | None = None, beside: str = "") -> None:
+        if file:
+            warnings.warn("LibraryEngine's `file=read_variants(...)` is now `beside=__file__`", DeprecationWarning, stacklevel=2)
+        if beside:
+            file = read_variants(Path(beside).parent)
+        if file:  # without it, a subclass of an adapter inherits that adapter's settings
+            cls.file = file
             cls.settings, cls.variants, cls.knobs = file.settings, file.space, file.knobs
             cls.first, cls.soft, cls.unfinished = file.first, file.soft, file.unfinished
 
