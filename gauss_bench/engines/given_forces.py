@@ -44,8 +44,8 @@ class GivenForces:
         on_links = {x.name for x in loads if isinstance(x, OtherLoad)}
         on_joints = [x for x in loads if isinstance(x, OnJoints) and x.name not in on_links]
         springs: list[OnJoints] = []
-        for load in on_joints:  # split: the library may have an element for the spring of a load and none for its damper
-            springs += [x for x in (replace(load, c=0.0), replace(load, k=0.0)) if x.k or x.c]
+        for on_joint in on_joints:  # split: the library may have an element for the spring of a load and none for its damper
+            springs += [x for x in (replace(on_joint, c=0.0), replace(on_joint, k=0.0)) if x.k or x.c]
         self.tree, self.own = tree, [x for x in springs if is_own(x)]
         self.constant, self.stiffness, self.damping = np.zeros(tree.n), np.zeros((tree.n, tree.n)), np.zeros((tree.n, tree.n))
         for load in loads:

@@ -122,8 +122,8 @@ class Reader(FileReader):
                     if np.any(numbers):
                         raise self.refuse(self.describe(kind, k, tag), entry["reason"])
         for entry in FIELDS["left_out"]:
-            for k in np.flatnonzero(getattr(self.model, entry["field"])):
-                self.dropped.append(f"{entry['reason']} {self.name(entry['kind'], int(k))}")
+            for index in np.flatnonzero(getattr(self.model, entry["field"])):
+                self.dropped.append(f"{entry['reason']} {self.name(entry['kind'], int(index))}")
 
     def _read_joint(self, k: int) -> Joint:
         """Return joint k of MuJoCo's model; it starts as the keyframe says, or at its reference if there is no keyframe."""

@@ -60,9 +60,9 @@ def releases(
         found += [install_release(library, version, told) for version in sorted(later, key=version_numbers)]
     installed = [x for x in found if x.python]
     if not installed:
-        raise ReleaseFault(f"no release of {engine} can be installed: {compared[0].reason}")
+        raise ReleaseFault(f"no release of {engine} can be installed: {found[0].reason}")
     with as_engines(library, installed), Journal(out / RUN / f"releases-{engine}.jsonl") as journal:
-        answers = [ask_or_recall(library, release, seconds, journal, told) for release in compared]
+        answers = [ask_or_recall(library, release, seconds, journal, told) for release in found]
         usable_versions = {x.version for x in answers if x.usable}
         usable = [x for x in installed if x.version in usable_versions]
         raced = ([], []) if no_costs or len(usable) < 2 else race_releases(library, usable, told)
