@@ -100,7 +100,7 @@ def test_files_are_of_the_working_folder_alone(tmp_path):
 def test_a_file_is_replaced_only_where_that_is_wished_and_possible(tmp_path, bars):
     file = tmp_path / "mine.toml"
     file.write_text(theirs := "# mine\n", encoding="utf-8")
-    assert "there already" in bars.refused("save", path="mine")
+    assert "exists already" in bars.refused("save", path="mine")
     assert file.read_text(encoding="utf-8") == theirs
     bars.ask("save", path="mine", replace=True)
     assert not bars.now["unsaved"]

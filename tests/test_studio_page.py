@@ -720,7 +720,7 @@ def test_when_the_server_has_gone_nothing_is_lost(browser, tmp_path):
         assert here.page.locator("g.linkage [data-pin]").count() == before + 1, "what was drawn stays on show"
         here.button("Undo").click()
         here.page.locator(".prompt.refused").wait_for()
-        assert "not there" in here.page.get_by_test_id("said").inner_text()
+        assert "does not answer" in here.page.get_by_test_id("said").inner_text()
         here.page.close()
     with studio(tmp_path) as second:
         assert second.port != first.port
