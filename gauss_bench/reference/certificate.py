@@ -103,7 +103,7 @@ def check_holds(certificate: Certificate, mechanism: Mechanism, path: Path) -> N
         raise CertificateError(f"{path}: certifies {certificate.name} in scenario {certificate.scenario}, not {motion}")
     if certificate.digest != mechanism.digest:
         raise CertificateError(
-            f"{path}: made for another version of {motion}; the linkage has changed, and the certificate no longer holds; "
+            f"{path}: made for another version of {motion}; the linkage has changed since, and the certificate no longer holds; "
             "make a new one with `gauss-bench certify`"
         )
 
