@@ -169,8 +169,8 @@ def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> t
     residual = target - effect(amount)
     for _ in range(REFINEMENTS):
         slope = (effect(amount + SMALL) - effect(amount - SMALL)) / (2 * SMALL)
-        step = (slope @ residual) / max(float(slope @ slope), 1e-300)
-        new_amount = float(np.clip(amount + step, LEAST_AMOUNT, MOST_AMOUNT))
+        change = float(slope @ residual) / max(float(slope @ slope), 1e-300)
+        new_amount = float(np.clip(amount + change, LEAST_AMOUNT, MOST_AMOUNT))
         new_residual = target - effect(new_amount)
         if not float(new_residual @ new_residual) < float(residual @ residual):
             break
