@@ -107,7 +107,7 @@ def test_a_driven_link_without_a_hinge_on_the_ground_is_refused(engine, library)
 def refusal_of(engine, mechanism, *forces):
     """Return an engine's reason to refuse a mechanism with only these forces; None if it takes the mechanism."""
     alone = replace(mechanism, forces=forces)
-    reason = import_module(f"gauss_bench.engines.{engine}.translate").refusal(alone, spanning_tree(alone))
+    reason = import_module(f"gauss_bench.engines.{engine}.translate").explain_refusal(alone, spanning_tree(alone))
     return reason
 
 

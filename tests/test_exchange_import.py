@@ -55,9 +55,9 @@ def flat_motion(text, back, file, rigid):
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, body, found[0], 0)
         mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_BODY, body, found[1], 0)
         found[1, 3:] += model.opt.gravity  # which MuJoCo takes for an acceleration of the world
-        places.append(pair(plane.flat(data.xipos[body])))
+        places.append(pair(plane.project(data.xipos[body])))
         for levels, x in zip((rates, seconds), found, strict=True):
-            levels.append([*pair(plane.flat(x[3:])), x[:3] @ plane.normal])
+            levels.append([*pair(plane.project(x[3:])), x[:3] @ plane.normal])
     return np.array(places), np.array(rates), np.array(seconds)
 
 

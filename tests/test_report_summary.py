@@ -41,7 +41,7 @@ def test_every_engine_has_its_least_error_and_every_winner_its_ratio():
     for name, table in tables(summary(run, ())):
         for row in table.rows if table.head[1:2] != ("four_bar: error [m]",) else ():  # tests/test_readme.py holds that one
             if name in run.linkages:
-                cases = [r for r in run.of(name) if (r["engine"], r["settings"]) == (row[0].text, row[1].text)]
+                cases = [r for r in run.cases_of(name) if (r["engine"], r["settings"]) == (row[0].text, row[1].text)]
                 usable = [
                     r["measured_error_t2"] for r in cases if r["status"] in ("ok", "invalid") and r["valid"] and not r["control"]
                 ]
