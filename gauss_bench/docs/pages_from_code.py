@@ -31,7 +31,7 @@ def on_files(files: Any, config: Any, **_: Any) -> Any:
     from mkdocs.structure.files import File  # imported late: only a build of the site has mkdocs
 
     for name in list_formats():
-        files.append(File.generated(config, f"formats/{name}.json", content=json.dumps(find_schema(name))))
+        files.append(File.generated(config, f"formats/{name}.json", content=json.dumps(find_schema(name), separators=(",", ":"))))
     return files
 
 
