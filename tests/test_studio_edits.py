@@ -175,6 +175,10 @@ def test_deleting_takes_what_cannot_be_without_it(pen, bars):
     pen.ask("delete", ids=[f"links.{x['name']}" for x in pen.now["links"]])
     assert pen.now["links"] == []
     assert pen.session.text.count("[joints") == 0
+    pen.ask("template", name="five_bar")
+    assert "driven" in pen.session.text
+    pen.ask("delete", ids=["links.left", "links.right"])
+    assert "driven" not in pen.session.text, "a scenario ends with the last of its drivers"
     after = bars.scene("delete", ids=["links.bar2"])  # the ends of the bars beside it are loose, each a single pin
     assert (len(after["pins"]), after["problems"]) == (4, [])
     assert bars.scene("undo")["status"]["loops"] == 1

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -103,6 +104,14 @@ def test_other_branches_have_the_same_input(bars):
     assert drawn["bar3"] == pytest.approx(found[1]["poses"]["bar3"], abs=1e-7)
     assert chosen["problems"] == []
     assert bars.refused("branch", index=5)
+
+
+@pytest.mark.parametrize("link", ['"ghost"', '"ground"', "3", "[1]"])
+def test_branches_of_a_file_that_drives_no_link_are_those_of_its_next_input(pen, link):
+    driver = f'[scenarios.odd]\nduration = 1.0\ndriver = {{ link = {link}, law = "constant", speed = 1.0 }}\n\n[scenarios.'
+    text = (Path(__file__).parents[1] / "mechanisms" / "four_bar.toml").read_text(encoding="utf-8")
+    pen.ask("open", text=text.replace("[scenarios.", driver, 1))
+    assert len(pen.ask("branches")["branches"]) == 2
 
 
 def test_instant_centres_lie_on_the_pins_here_and_along_a_motion(bars):

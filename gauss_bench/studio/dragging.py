@@ -77,11 +77,16 @@ def find_input_links(reading: Reading) -> list[str]:
     Without such a scenario it is the crank, and without a crank the first link that is pinned to the ground, if there is one.
     """
     document = reading.document
+
+    def exists(name: Any) -> bool:
+        """Tell whether the drawing has a link of that name; a file with faults may drive what does not exist."""
+        return isinstance(name, str) and name in document.get("links", {})
+
     for scenario in document.get("scenarios", {}).values():
-        names = [x["link"] for x in drivers_of(scenario) if "link" in x]
+        names = [x["link"] for x in drivers_of(scenario) if exists(x.get("link"))]
         if names:
             return names
-    if isinstance(document.get("crank"), str):
+    if exists(document.get("crank")):
         return [document["crank"]]
     return [x["name"] for x in find_drivable(reading) if x["kind"] == "angle"][:1]
 

@@ -214,7 +214,7 @@ def prune(d: Drawing) -> None:
     for joint in {*table(before, "joints")} - {*table(d.document, "joints")}:
         sketched.pop(joint, None)  # otherwise its place would be read as a pin that joins nothing
     for name, scenario in [*items(d.document, "scenarios")]:
-        if "driver" in table(before, "scenarios").get(name, {}) and not (scenario.get("driver") or scenario.get("drivers")):
+        if is_driven(table(before, "scenarios").get(name, {})) and not (scenario.get("driver") or scenario.get("drivers")):
             del d.group("scenarios")[name]
 
 
