@@ -59,7 +59,7 @@ ONE_TRY = 0.1  # share of the budget that the first run of an engine may take in
 TRIED = 0.85  # share of the budget at which the first runs of all engines must have ended
 LAST = 1.25  # time at which the programs, the last part of an answer, must be written, in units of the budget
 WRITTEN = 15.0  # [s] that writing the program of the advised setting may take even if the budget is used up
-WAITS = 4.0  # largest elapsed time of this writing, in units of WRITTEN: it may wait while other programs have the processor
+WAITS = 4.0  # limit of the elapsed time of writing that program, in units of WRITTEN: other programs may have the processor
 LONGEST = 0.15  # share of the budget that one run may take; the first run of an engine may take twice as long, because it compiles
 
 Better = Callable[[Answer], object]  # a function that is called with each answer that improves on the engine's previous one

@@ -353,7 +353,7 @@ def _compare(expected: Array, given: Array, finest: Array, names: tuple[str, ...
     travel = np.array([expected[0] - expected[0, 0], expected[1], expected[2]])  # displacements from the start instead of positions
     scale = np.abs(travel).max(axis=(1, 2))
     off, changed = (np.abs(given - x).max(axis=(1, 2)) / scale for x in (expected, finest))  # (3,)
-    for name, error, change in zip(names, off, changed, strict=False):  # `names` may have two entries only
+    for name, error, change in zip(names, off, changed, strict=False):  # `names` lacks accelerations if loops are soft
         if not error <= RATIO * change + ROUNDING:
             return "", f"{name} are off by {error:.1e} of their largest value; a finer run changes them by {change:.1e}"
     return f"positions agree within {off[0]:.1e} of the largest displacement; a finer run changes them by {changed[0]:.1e}", ""

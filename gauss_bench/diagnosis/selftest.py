@@ -30,7 +30,7 @@ from gauss_bench.trajectory import in_a_sentence
 Check = Callable[[], str | None]
 CONSTANTS = (int, float, str, tuple, dict)  # types of those constants of a module that an altered source may change
 STEP, UNTIL = 4e-3, 0.4  # [s] step and end of the diagnosed runs, the cheapest with which all faults are named
-ADAPTERS = "adapters"  # kind of the faults of engines
+ADAPTERS = "adapters"  # kind under which the faults in ENGINES are listed, beside the kinds of `Planted`
 SOUND = (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT)  # possible verdicts on an engine without a fault, whose steps have errors
 
 

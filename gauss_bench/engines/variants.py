@@ -161,10 +161,10 @@ def _read(file: Mapping[str, Any]) -> Variants:
 
 def read_tables(file: Mapping[str, Any], name: str) -> dict[str, Line]:
     """Return the table `name` of a file, all of whose entries must be tables; only the table "variants" may be empty."""
-    lines = file.get(name)
+    lines: dict[str, Line] = file.get(name)  # type: ignore[assignment]  # checked in the next two lines
     has_tables = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
     require(has_tables and (bool(lines) or name == "variants"), name, "must be a table of tables")
-    return lines or {}
+    return lines
 
 
 def _read_knob(place: str, line: Line) -> Knob:

@@ -50,7 +50,7 @@ class Kind:
         return self.writer != "to_mjcf"
 
 
-KINDS: Mapping[str, Kind] = {  # the kinds that this folder writes; every engine with a method `program` is one more
+KINDS: Mapping[str, Kind] = {  # the kinds of files that this folder writes; every engine with a method `program` adds one
     "mujoco": Kind("to_mjcf", "mujoco", "tuned", "rk4", "none", "an MJCF model", ".xml"),
     "pinocchio": Kind("to_pinocchio", "pinocchio", "default", "rk4", "none", "a Python script", ".py"),
     "exudyn": Kind("to_exudyn", "exudyn", "tuned", "generalized_alpha", "none", "a Python script", ".py"),

@@ -118,7 +118,7 @@ def refuse_bulk(root: Element, path: Path) -> None:
 
 
 def _list_arrays(node: Element, elements: float) -> Iterator[tuple[list[str], float]]:
-    """Yield, for each array whose size a node gives, the names of the attributes that give it and the count of its numbers.
+    """Yield, for each array whose size attributes of a node give, the names of these attributes and the length of the array.
 
     `elements` is the number of elements in the document.
     """

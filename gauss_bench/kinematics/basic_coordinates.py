@@ -143,7 +143,7 @@ class _Follower:
             _StepTooLong: the search fails, or its result may belong to another assembly; the old position is then kept.
         """
         model = self.model
-        # prediction to first order, with dphi = Re(r dz): the change of the inputs in place of their rate makes Z[0], Z[1] z and dz
+        # prediction to first order, with dphi = Re(r dz): with the change of the inputs as their rate, Z[0] is z and Z[1] dz
         Z = model.points.evaluate_known(self.x, x - self.x, np.zeros_like(x))
         Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])  # complex derivatives of phi by z
@@ -152,6 +152,7 @@ class _Follower:
         # correction: a root search from the prediction, which must end near it
         root = gauss_newton(model.residual(x), self.p + dp, self.tolerance)
         self.corrections += root.iterations
+        # the root [m] is for steps that move no point: near a double root, points are found to the root of the residual's tolerance
         max_correction = STRAY * largest(Z[1, model.points.first :]) + np.sqrt(self.tolerance)
         if root.flag != ExitFlag.CONVERGED or largest(root.x - self.p - dp) > max_correction:
             raise _StepTooLong

@@ -1,1 +1,1 @@
-"""From a linkage file to a Mechanism: its grammar, its faults, and its first assembly."""
+"""Read a linkage file and build a Mechanism: the grammar of files, the faults of a file, and the first assembly of a linkage."""

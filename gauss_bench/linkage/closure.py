@@ -185,7 +185,7 @@ def _shortest(J: Array, F: Array) -> Array:
     if normal is None:
         return minimum_norm(J, F)
     sparse, factors = normal
-    # more columns than rows: x = J^T (J J^T)^-1 F; else x = (J^T J)^-1 J^T F
+    # at least as many columns as rows: x = J^T (J J^T)^-1 F; otherwise x = (J^T J)^-1 J^T F
     return np.asarray(sparse.T @ factors.solve(F) if J.shape[0] <= J.shape[1] else factors.solve(sparse.T @ F))
 
 

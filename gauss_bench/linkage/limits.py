@@ -107,7 +107,7 @@ def _describe(x: Any) -> str:
 def _chain_faults(document: Mapping[str, Any]) -> Iterator[Fault]:
     """Yield a fault for the first point whose position is given relative to more than CHAINED points, one after the other.
 
-    Circles are left to `references.py`.
+    Circular references are found by `references.py`.
     """
     links = document.get("links")
     owners = {"ground": document.get("ground")}

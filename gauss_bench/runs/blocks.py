@@ -118,9 +118,10 @@ def run_block(entry: Hashable, choice: Choice, times: Array, share: float, model
 
 
 def lead_block(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
-    """Return a timing block of the first part of a run of `steps` equal steps until `until` [s], which takes about `lead` [s].
+    """Return a timing block that runs only the first part of a run, about `lead` [s] of processor time long.
 
-    The length of the part is estimated from the time of the first steps. The time that the block measures is that of the whole run.
+    The whole run has `steps` equal steps and ends at t = `until` [s]. The length of the part is estimated from the time of the
+    first steps. The time that the block returns is that of the whole run.
     """
     first = min(steps, FIRST) / steps  # fraction of the run
     block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)

@@ -71,7 +71,7 @@ class WorkerFailure(Failure):
 
 @dataclass(frozen=True)
 class Interpreter:
-    """The Python interpreter that runs a worker process: its path, and the bytes that each process of the worker may use."""
+    """The Python interpreter that runs a worker process: its path, and the memory limit [bytes] of each of its processes."""
 
     python: str = sys.executable
     memory: int = MEMORY

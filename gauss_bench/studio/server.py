@@ -256,7 +256,7 @@ def open_session(linkage: str | None, folder: Path) -> Session:
         return Session(folder)
     path = find(linkage)
     if linkage not in files.find_templates():
-        read_file(path)  # raises if the file is no linkage file
+        read_file(path)  # checked first: if it is neither a file nor a built-in linkage, its error lists the built-in ones
     if path.suffix == ".toml" and path == Path(linkage):  # the path of a file: work in the folder of this file
         folder, linkage = path.resolve().parent, path.name
     session = Session(folder)

@@ -58,7 +58,7 @@ def _read(name: str, above: tuple[str, ...]) -> Suite:
 
 
 def _change(suite: Suite, change: Callable[[str, Any], Any]) -> Suite:
-    """Return the suite with each section x of the kind `name` replaced by change(name, x), or left out if that is None."""
+    """Return the suite with each section x, of a kind `name` in SECTIONS, replaced by change(name, x), or left out for None."""
     changed = {name: [change(name, section) for section in getattr(suite, name)] for name in SECTIONS}
     return suite.model_copy(update={name: tuple(x for x in sections if x is not None) for name, sections in changed.items()})
 

@@ -72,7 +72,7 @@ def _singular(mechanism: Mechanism) -> tuple[str, list[float]]:
         return "change points", list(FOLDED[mechanism.name])
     try:
         positions = singular_positions(mechanism)
-    except ChangePoint:
+    except ChangePoint:  # the search ends there, and dead centres stay unknown; only change points of FOLDED are compared
         return CENTRES, []
     # angles that differ by rounding count once
     return CENTRES, sorted({round(s.crank, 12): s.crank for s in positions if s.kind == "dead centre"}.values())

@@ -38,7 +38,7 @@ from gauss_bench.runs.offers import offer
 from gauss_bench.runs.starting import build_model, cold_there, first_step, start_there, time_start
 from gauss_bench.suites.schema import Cost, Suite
 
-BASELINE = "gauss"  # costs are ratios to this engine: Gauss's principle as its authors wrote it
+BASELINE = "gauss"  # the cost of a step is its time divided by that of this engine, the formulation of Yuan and Ge
 BUILD, ACCELERATION, STEP, NATIVE = "build", "acceleration", "step", "native_step"
 BARE, EMPTY, BATCH = "bare call", "empty call", "batch step"
 COLD, START = "cold build", "start"

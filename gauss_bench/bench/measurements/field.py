@@ -33,15 +33,18 @@ from gauss_bench.trajectory import Status, Trajectory
 
 
 def engines_of(part: SameQuestions) -> list[str]:
-    """Return the installed engines among those that a section of the suite names, or all installed ones if it names none."""
-    installed = names()
-    return [x for x in part.engines or installed if x in installed]
+    """Return the listed engines among those that a section of the suite names, or all listed ones if it names none.
+
+    Engines of ELSEWHERE are listed only if they are installed; an engine of FOREIGN is listed even if its library is missing.
+    """
+    listed = names()
+    return [x for x in part.engines or listed if x in listed]
 
 
 def absent_engines(part: SameQuestions) -> list[str]:
     """Return the engines that are not installed, among those that a section of the suite names or, if it names none, ELSEWHERE."""
-    installed = names()
-    return [x for x in part.engines or ELSEWHERE if x not in installed]
+    listed = names()
+    return [x for x in part.engines or ELSEWHERE if x not in listed]
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:

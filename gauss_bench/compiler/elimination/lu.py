@@ -315,7 +315,7 @@ class _Markowitz:
             if normal_equations and self._find_pivot(steady_only=True) is None:
                 rest = self._normal_equations()
                 break
-            # if no pivot is usable at all samples, one is taken that is usable at as many as possible; a threshold excludes others
+            # if no pivot is usable at every sample, one is taken that is usable at as many as possible; a threshold excludes others
             while (chosen := self._find_pivot()) is None:
                 self._trust_fewer()
             self._eliminate(*chosen)

@@ -126,5 +126,5 @@ def verify(body: Multibody, mechanism: Mechanism, tree: Tree) -> None:
 
 @lru_cache(maxsize=16)
 def without_forces(mechanism: Mechanism) -> Mechanism:
-    """Return a mechanism without forces; for the same mechanism the same object, by which `evaluator_of` stores equations."""
+    """Return the mechanism with its forces removed; calls give one object, for which `evaluator_of` stores equations once."""
     return replace(mechanism, forces=())

@@ -42,8 +42,8 @@ def find_same_model(rows: Sequence[Row]) -> Iterator[Finding]:
             f"Given the same states, {exact} return the reference's acceleration. Brackets have the largest median relative error "
             f"on {count(len({r['mechanism'] for r in rows}), 'linkage')}.",
             "good",
-            f"Given the same states, {len(same)} of {count(len(worst), 'engine setting')} return the reference's acceleration to "
-            f"{error_text(same[-1][0])} or better, as the median relative error.",
+            f"Given the same states, {len(same)} of {count(len(worst), 'engine setting')} return the reference's acceleration "
+            f"with a median relative error of at most {error_text(same[-1][0])}.",
             (list_errors(rows),),
         )
 

@@ -21,7 +21,7 @@ from gauss_bench.studio.reading import Reading, lone_pins, new_faults
 from gauss_bench.studio.scene import describe_pins
 
 DIGITS = 11  # decimals of lengths [m] in the file, whose rounding is far below the tolerance of closed joints
-PLACED = 9  # decimals of places and degrees in a sketch or start, from which the joints are closed again
+PLACED = 9  # decimals of positions [m] and angles [deg] in a sketch or start; on loading, the joints are closed again
 SAME = 1e-9  # [m] distance below which two places are the same
 NAME = re.compile(r"[A-Za-z0-9_]+")
 LETTERS = "PQRSTUVWXYZ"  # names for points of links that are no pins
@@ -329,7 +329,7 @@ class Drawing:
         assembly = self.group("assembly")
         old, joints = table(assembly, "sketch"), [*items(self.document, "joints")]
         drawn: dict[str, list[float]] = {}  # the new sketch: joint or reference -> place
-        pinned: set[str] = set()  # references of points that joints place
+        pinned: set[str] = set()  # references of the points that joints connect; the place of the joint is theirs
         # pins that are not on the ground, and blocks of those slides that the file has sketched
         for name, joint in joints:
             ends = [x for x in sequence(joint, "at") if isinstance(x, str) and owner(x) in self.poses]
