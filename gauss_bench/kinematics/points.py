@@ -101,8 +101,8 @@ def link_size(points: list[BasicPoint]) -> float:
 class Points:
     """The vector z (N,) of a mechanism, whose drivers are the inputs, and rows (N,) of quantities that are linear in z.
 
-    The product of a row with z is the place of a point or the direction of a link. Below, an entry is an index into z, not the value
-    there. A point is known if its place follows from the ground and the inputs alone.
+    The product of a row with z is the place of a point or the direction of a link. Below, an entry is an index into z, not a
+    value. A point is known if its place follows from the ground and the inputs alone.
 
     Attributes:
         frames: link -> (root, phase), see `shared_angles`.
