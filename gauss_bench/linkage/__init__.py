@@ -1,1 +1,1 @@
-"""Read a linkage file and build a Mechanism: the grammar of files, the faults of a file, and the first assembly of a linkage."""
+"""Read a linkage file, check it against the grammar, build its Mechanism, and assemble it."""

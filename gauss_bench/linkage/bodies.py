@@ -1,7 +1,7 @@
 """Expand cylinders into links and joints, and merge welded links into one body.
 
-A cylinder C between the points P and Q is a link C_barrel pinned at P, a link C_rod pinned at Q, and the slide C between them,
-along the line of both pins; its coordinate is the length of the cylinder. The x axes of barrel and rod point from P to Q.
+A cylinder C between the points P and Q is a link C_barrel pinned at P, a link C_rod pinned at Q, and the slide C between them
+along the line of both pins. The coordinate of the slide is the length of the cylinder. The x axes of both links point from P to Q.
 
 A body is made of links that are welded to each other. It has the frame and the name of one of these links, its root. A point P of
 another link L of the body becomes the point L.P of the body. With mass m_i, centre of mass c_i and inertia I_i of the links, in the
@@ -9,7 +9,7 @@ frame of the body,
 
     m = sum m_i,    m c = sum m_i c_i,    I = sum (I_i + m_i |c_i - c|^2)        (parallel axes)
 
-Point masses count as links without inertia.
+A point mass enters these sums with I_i = 0.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,11 +22,11 @@ from gauss_bench.mechanism.model import Link, Part, Point, Weld
 from gauss_bench.mechanism.numbers import Number, angle_of, length, pair, turn_vector
 from gauss_bench.terms import Array
 
-Welds = Mapping[str, Mapping[str, Any]]  # tables by name
+Welds = Mapping[str, Mapping[str, Any]]  # name of a weld -> its table
 
 BARREL, ROD = "barrel", "rod"
 PIN, END = "pin", "end"  # names of the points of a barrel or rod
-SAME = 1e-6  # largest relative difference of the distances of a weld's two points on one link and on the other
+SAME = 1e-6  # the two points of a weld are equally far apart on both of its links, up to this relative difference
 
 
 def expand_cylinders(document: dict[str, Any]) -> dict[str, Any]:
@@ -77,9 +77,9 @@ def combine_masses(parts: Sequence[Mass]) -> Mass:
 
 
 def find_poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], number: Number) -> dict[str, Pose]:
-    """Return name of a link -> pose of the link in its body, which consists of all links welded to it, directly or by others.
+    """Return link -> pose in its body, which consists of the links that welds connect directly or through other links.
 
-    The root of a body is the first of its links in `preferred`, else the link that no weld attaches to another link.
+    The root of a body is the first link in `preferred` that belongs to it, else the link that no weld attaches to another.
 
     Raises:
         BuildError: two pairs of points of a weld have different distances, so that they cannot coincide.
@@ -88,7 +88,7 @@ def find_poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str]
     poses = {name: Pose(name, pair(number, (0, 0)), zero) for name in links}
     waiting = dict(welds)
     while waiting:
-        # welds form trees: there is always a weld that attaches its link to one with a known pose
+        # welds form trees: there is always a weld that attaches its link to a link whose pose is known
         unknown = {weld["link"] for weld in waiting.values()}
         key = next(key for key, weld in waiting.items() if weld["to"] not in unknown)
         weld = waiting.pop(key)
@@ -166,7 +166,7 @@ def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
     names = list(links)
     result = []
     for key, weld in welds.items():
-        carried = {weld["link"]}  # grows by the links welded to those in it; as many rounds as there are welds reach all of them
+        carried = {weld["link"]}  # grows by the links that are welded to it; one round for each weld reaches all of them
         for _ in welds:
             carried |= {x["link"] for x in welds.values() if x["to"] in carried}
         link = links[weld["link"]]

@@ -27,7 +27,7 @@ def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, A
     positions: dict[str, Array] = {}
 
     def resolve(name: str) -> Array:
-        """Return the position of a point, after that of the point to which it is relative."""
+        """Return the position of a point; if it is relative to another point, resolve that point first."""
         if name not in positions:
             value = table[name]
             if not isinstance(value, dict):
@@ -70,7 +70,7 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> mode
 
 
 def _mass_of_bars(table: dict[str, Any], bars: list[tuple[Array, Array]], number: Number) -> Mass:
-    """Return mass, centre and inertia of a link without point masses: from its table, else from uniform bars (ends (2,) [m])."""
+    """Return mass, centre and inertia of a link without its point masses: those of its table, else of uniform bars (ends [m])."""
     zero = number("0")
     lengths = [length(b - a) for a, b in bars]
     middles = [(a + b) / 2 for a, b in bars]
@@ -134,11 +134,11 @@ class Resolver:
         return self.index[name]
 
     def pairs(self, joint: str) -> tuple[model.Joint, ...]:
-        """Return the pairs of a joint: the slide, or a pin between every two consecutive links in its list."""
+        """Return the pairs of a joint: the slide, or a pin between every two consecutive links of the joint's list."""
         return tuple(pair for pair in self.joints if pair.joint == joint)
 
     def pairs_to_damp(self, joint: str) -> tuple[model.Joint, ...]:
-        """Return the pairs in which damping of a joint acts: all pairs of its links; in the first edition, neighbours only."""
+        """Return the pairs in which a joint is damped: of every two of its links; in the first edition, of consecutive links."""
         return model.pins_of_all_pairs(self.pairs(joint)) if self.format == SECOND else self.pairs(joint)
 
     def pair(self, values: Any) -> Array:
@@ -174,7 +174,7 @@ class Resolver:
         return 0 if self.index[owner] == model.GROUND else self.poses[owner].turn
 
     def build_joint(self, name: str, table: dict[str, Any]) -> list[model.Joint]:
-        """Return the kinematic pairs of one joint; a pin through m links is m - 1 pairs NAME, NAME.001, ... in list order."""
+        """Return the kinematic pairs of one joint; a pin through m links has m - 1 pairs NAME, NAME.001, ... in their order."""
         if table["type"] == "prismatic":
             # the file gives the angles of the axis in the frames of links; here they are in those of the bodies
             angle = self.angle(table, "angle") + self.turn(table["guide"])
@@ -190,7 +190,7 @@ class Resolver:
         """Return the force or dry friction that a table of the file describes.
 
         Raises:
-            BuildError: a force of an added kind has no loads, or a force varies that is neither a torque nor at a point.
+            BuildError: a force has no loads, or it varies and is neither a torque nor a force at a point.
         """
         force: model.Force | model.CoulombFriction = self.read(FORCES, f"forces.{name}", table)
         if isinstance(force, model.CoulombFriction) or model.factor_of(force):
@@ -231,12 +231,12 @@ class Resolver:
             degrees = float(np.degrees(float(angle)))
             axis = {0.0: "x", 90.0: "y"}.get(degrees, f"axis at {degrees:g} deg")
             return model.Measured(f"{axis} of {table['point']}", model.Along(self.world, self.point(table["point"]), angle))
-        # the table names its coordinate by the same keys as that of a driver; the law of this driver is not used
+        # the table names its coordinate by the keys of a driver's table: build a driver, whose law is not used
         driver = self.build_driver(table, motion_laws.constant(0.0, 0.0))
         return self.choose_measured((driver,), None)
 
     def choose_measured(self, drivers: tuple[model.Driver, ...], crank: str | None) -> model.Measured:
-        """Return the coordinate that reports show by default: that of the first driver, or the angle of the crank or first link.
+        """Return the coordinate that reports show by default: of the first driver, else the angle of the crank, or the first link.
 
         Without drivers, crank or `measure`, `assemble` replaces the angle of the first link by the first coordinate that can move.
         """

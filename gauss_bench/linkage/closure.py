@@ -1,7 +1,7 @@
-"""First assembly: from a rough sketch to a consistent start.
+"""Assemble a linkage: find a consistent start near its rough sketch, which decides the assembly mode.
 
-The sketch decides the assembly mode. Gauss-Newton closes the joints near the sketch. Then the coordinates that the start holds move
-to their values in small steps, so that the assembly mode is kept. Speeds follow from one linear system.
+Gauss-Newton closes the joints near the sketch. Then the coordinates that the start prescribes move to their values in small steps,
+so that the assembly mode is kept. Speeds follow from one linear system.
 """
 
 from collections.abc import Iterator
@@ -23,22 +23,22 @@ from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Trajectory
 
-LARGE = 100  # number of rows and of columns from which a system is solved by sparse normal equations
+LARGE = 100  # smallest number of rows, and of columns, of a system that is solved by sparse normal equations
 REGULAR = 1e-8  # smallest pivot of regular normal equations, relative to the largest
-MOVES = 1e-6  # smallest part of a gradient outside the span of the joint rows if its coordinate can move; less is rounding
+MOVES = 1e-6  # a coordinate can move if its gradient has a larger entry outside the span of the joint rows; less is rounding
 CLOSED = 1e-10  # [m, rad] largest residual of closed joints; Gauss-Newton ends near 1e-16
 STILL = 1e-15  # [m, rad] largest step of Gauss-Newton that is rounding alone
 NEARLY = 1e-9  # [m, rad] largest last step of an intermediate closure: convergence is quadratic, so that 1e-18 is left
-FAR, ROUNDING = 100.0, 4e-16  # coordinates larger than FAR [m, rad] converge only to their own rounding, relative ROUNDING
+FAR, ROUNDING = 100.0, 4e-16  # coordinates of FAR [m, rad] or more converge to a step of ROUNDING times the largest of them
 LONGEST = 0.5  # [m, rad] longest step of Gauss-Newton
 STEP = np.radians(5.0)  # [rad, m] largest change of a held coordinate between two closures
-PATIENCE = 1500  # evaluations after which intermediate closures are skipped if the last one failed
-MOST_STEPS = 720  # largest number of steps to a target, ten turns: from farther away, whole turns come first, or steps are longer
+PATIENCE = 1500  # number of evaluated residuals after which intermediate closures are skipped if the last one failed
+MOST_STEPS = 720  # largest number of steps to a target (ten turns): for a longer way, whole turns come first, or steps are longer
 
 
 @dataclass(frozen=True)
 class Held:
-    """The k coordinates that the start of a scenario prescribes ("holds").
+    """The k coordinates that the drivers and the start of a scenario prescribe ("hold").
 
     Attributes:
         target: (k,) values that the coordinates must take [m, rad].
@@ -59,9 +59,8 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     """Return the mechanism with its start q0, v0 (n,), the degrees of freedom `dof` and the number `redundant` of redundant rows.
 
     Raises:
-        AssemblyError: the sketch does not place a link, the joints cannot be closed, the start does not determine position or
-            speeds, a number of degrees of freedom, redundant rows or loops differs from the table `expect`, or a spring has no
-            direction.
+        AssemblyError: the sketch does not place a link; the joints cannot be closed; the start cannot be reached, leaves the position
+            undetermined or contradicts the constraints; a count differs from the table `expect`; or a spring has no direction.
     """
     joints = joint_constraints(mechanism)
     held = list_held(mechanism, document["scenarios"][mechanism.scenario])
@@ -159,10 +158,10 @@ def check_springs(mechanism: Mechanism) -> Iterator[str]:
 
 
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: float = STILL) -> tuple[Array, float]:
-    """Solve F = 0 by Gauss-Newton with minimum-norm steps of at most LONGEST; return q (n,) and max |F|, infinite if it diverged.
+    """Solve F = 0 by Gauss-Newton with minimum-norm steps of at most LONGEST; return q (n,) and max |F|.
 
     residual(q) returns F (m,) and J (m, n). The iteration ends if a step is shorter than `enough` [m, rad], or than the rounding of
-    large coordinates.
+    large coordinates. If it diverges, max |F| is infinite.
     """
 
     def is_infinite(_: Array, F: Array, J: Array) -> bool:
@@ -214,7 +213,7 @@ def _normal_equations(J: Array) -> tuple[Any, Any] | None:
 
 
 def levenberg_marquardt(q: Array, residual: Residual) -> Array:
-    """Return q (n,) nearer to a root of `residual`, by Levenberg-Marquardt: from there Gauss-Newton may converge."""
+    """Return q (n,) nearer to a root of `residual`, by scipy's trust-region method: Gauss-Newton may converge from there."""
     from scipy.optimize import least_squares
 
     return np.asarray(least_squares(lambda x: residual(x)[0], q, lambda x: residual(x)[1], xtol=1e-15, ftol=1e-15, gtol=1e-15).x)
@@ -307,7 +306,7 @@ class _Search:
         return q, error
 
     def _residual(self, goal: Array, q: Array) -> tuple[Array, Array]:
-        """Return the residual of joints and held coordinates, which must equal `goal` (k,), at q (n,), and its Jacobian."""
+        """Return the residual of the joints, then of the held coordinates less `goal` (k,), at q (n,), and its Jacobian."""
         self.evaluations += 1
         F, J = self.joints.residual(q)
         values, rows = self.held.evaluate(q)
@@ -317,16 +316,15 @@ class _Search:
 def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:
     """Move a position q (n,) with closed joints until the held coordinates have their prescribed values; return that position.
 
-    The steps are small enough to keep the assembly mode. Three attempts: through closed positions; the same after whole turns have
-    been added to links; and through positions in which the joints cannot be closed.
+    The steps are small enough to keep the assembly mode. There are up to three attempts: through closed positions; the same after
+    whole turns have been added to links; and through positions in which the joints cannot be closed.
 
     Raises:
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
     """
     path = f"scenarios.{mechanism.scenario}.{'driver' if mechanism.drivers else 'start'}"
     search = _Search(joints, held)
-    # First close every intermediate position, which keeps the assembly mode; then start nearer by whole turns; at last go through
-    # positions that cannot be closed, which a start beyond a dead centre needs. From far away, whole turns come first.
+    # a start beyond a dead centre needs the last attempt; from far away, whole turns come first
     turned = turn_links(mechanism, held, q)
     attempts = [(q, True), (turned, True), (q, False)]  # (first position, whether to stop where the joints cannot be closed)
     values, _ = held.evaluate(q)

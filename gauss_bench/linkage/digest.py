@@ -1,4 +1,4 @@
-"""Digests that identify what a result depends on: the numbers of a mechanism, and the source files that compute the result."""
+"""Compute digests of everything that determines a result: the numbers of a mechanism, and the source files of the package."""
 
 import hashlib
 from collections.abc import Collection, Iterator, Mapping
@@ -17,12 +17,12 @@ NO_EFFECT = {"title", "scenarios", "source", "sha256", "digest", "warnings", "ap
 
 
 def source_digest(*folders: str, without: Collection[str] = ()) -> str:
-    """Return the SHA-256 of the names and contents of all files in folders or files of the package ("": all), at every depth.
+    """Return the SHA-256 of the names and contents of all files in folders of the package ("": all), or of single files.
 
-    `without` has names to leave out: of folders directly in the package, and of files in any folder.
+    `without` has the names to leave out: of folders directly in the package, and of files in any folder.
 
     Raises:
-        FileNotFoundError: a folder has no files.
+        FileNotFoundError: a folder is missing or has no files.
     """
     digest = hashlib.sha256()
     for folder in folders:
@@ -38,7 +38,7 @@ def source_digest(*folders: str, without: Collection[str] = ()) -> str:
 
 
 def content_digest(*values: Any) -> str:
-    """Return the SHA-256 of the content of values, with everything nested in them but fields of NO_EFFECT.
+    """Return the SHA-256 of values and of everything nested in them, without the fields NO_EFFECT of a mechanism.
 
     Raises:
         TypeError: a value contains an object whose content cannot be read, such as a function.

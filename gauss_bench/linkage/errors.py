@@ -1,4 +1,4 @@
-"""The exceptions for faulty linkage files; they list every fault that was found, with file, table and field."""
+"""The exceptions for faulty linkage files; a `LinkageError` lists every fault that was found, with file, table and field."""
 
 from dataclasses import dataclass
 
@@ -34,11 +34,11 @@ class FaultError(ValueError):
 
 
 class BuildError(FaultError):
-    """A faulty number of a file that is found only when its points are resolved, such as a bar of zero length."""
+    """A fault that is found only when the mechanism is built from the file, such as a bar of zero length."""
 
 
 class AssemblyError(FaultError):
-    """The linkage cannot be closed, or its start does not determine its position and speeds."""
+    """The linkage cannot be closed, or does not fit its start or its table `expect`."""
 
 
 class NotPlaced(AssemblyError):

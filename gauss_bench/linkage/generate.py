@@ -1,7 +1,7 @@
-"""Linkages of any size: the N-four-bar and N pendulums.
+"""Generate linkages of any size: the N-four-bar, and chains of N pendulums.
 
-n_four_bar_N, from the IFToMM benchmark library (A02), has N + 1 equal verticals on ground pivots (i l, 0) and N horizontals between
-their tops. It moves like a pendulum, and is singular if all bars lie on the ground line.
+n_four_bar_N, from the IFToMM benchmark library (A02), has N + 1 vertical bars of length l on ground pivots (i l, 0), and N equal
+horizontal bars between their tops. It moves like a pendulum, and is singular if all bars lie on the ground line.
 
 pendulums_N is a chain of N bars with n = 3N coordinates and m = 2N constraint rows: Gauss's principle gives N unknowns with a full
 matrix, Lagrange's equations 5N unknowns, each coupled only with those of neighbouring bars.
@@ -10,8 +10,8 @@ matrix, Lagrange's equations 5N unknowns, each coupled only with those of neighb
 from typing import Any
 
 MASS, LENGTH = 1.0, 1.0  # [kg], [m] of every bar
-SPEED = 1.0  # [m/s] of the first top at the start, to the right
-FIRST, FAN = -60.0, 7.0  # [deg] angle of the first pendulum, and of each next one relative to it: no two are in line
+SPEED = 1.0  # [m/s] of the top of the first vertical bar at the start, to the right
+FIRST, FAN = -60.0, 7.0  # [deg] angle of the first pendulum, and increase from each to the next: no two neighbours are in line
 
 
 def n_four_bar(count: int) -> dict[str, Any]:

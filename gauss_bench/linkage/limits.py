@@ -1,6 +1,6 @@
 """Limits on counts, magnitudes and characters of a linkage file; `limits.toml` lists each limit with its reason.
 
-They are checked before anything else, in one pass without recursion, so that an oversized file is refused at once. Values in a
+Limits are checked before anything else, in one pass without recursion, so that an oversized file is refused at once. Values in a
 scenario's override have the limits of the values that they replace.
 """
 
@@ -14,12 +14,12 @@ from typing import Any
 from gauss_bench.linkage.errors import Fault
 from gauss_bench.untrusted import DEEPEST, harmless, unprintable
 
-LONGEST_KEY = 200  # characters of a key
-LONGEST_TEXT = 10_000  # characters of a text
-CHAINED = 100  # points in a chain in which each is given relative to the next
-SHOWN = 50  # largest number of faults in one error
-MOST = 5000  # entries of a table or list whose name has no limit of its own
-ENTRIES = 60_000  # of the whole file: the largest generated one, of 400 windows, has 20,000
+LONGEST_KEY = 200  # [characters]
+LONGEST_TEXT = 10_000  # [characters]
+CHAINED = 100  # largest number of points in a chain in which each is given relative to the next
+SHOWN = 50  # largest number of these faults in one error
+MOST = 5000  # largest number of entries of a table or list whose name has no limit of its own
+ENTRIES = 60_000  # largest number of entries of a file: the largest generated file, n_four_bar_400, has 17,000
 SQUARES = "beyond that, a sum with it or with its square loses all digits of the other numbers"  # reason in messages
 
 
@@ -39,13 +39,13 @@ ANY = Range(1e15, least=1e-30)  # the range of numbers whose key has no range of
 
 
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
-    """Return at most SHOWN faults of values that are too large, too small or not printable; without any, that of a too long chain.
+    """Return at most SHOWN faults of values that are too large, too small or not printable, else that of a too long chain.
 
-    A table or list that has too many entries or is nested too deeply ends the search at once; only this fault is listed.
+    A table or list that has too many entries or is nested too deeply ends the search at once: its fault alone is returned.
     """
     faults: list[Fault] = []
     entries = 0
-    # not by recursion, which a deeply nested file could exhaust
+    # a loop: with recursion a deeply nested file could exceed Python's recursion limit
     waiting: list[tuple[str, str, Any, int]] = [("", "", document, 0)]  # path, nearest key that has limits, value, depth
     while waiting:
         path, key, item, depth = waiting.pop()
@@ -76,7 +76,7 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
 
 
 def _text_faults(path: str, text: str) -> list[Fault]:
-    """Return the fault of a text that is too long or not printable, in a list that is empty without a fault."""
+    """Return a list with the fault of a text that is too long or not printable; it is empty if there is none."""
     if len(text) > LONGEST_TEXT:
         return [Fault(path, f"a text of {len(text)} characters; at most {LONGEST_TEXT} are read")]
     if any(unprintable(x) for x in text):
@@ -85,7 +85,7 @@ def _text_faults(path: str, text: str) -> list[Fault]:
 
 
 def _number_faults(path: str, key: str, x: Any) -> list[Fault]:
-    """Return the fault of a number that is out of the range of its key, in a list that is empty without a fault."""
+    """Return a list with the fault of a number out of the range of its key; it is empty if there is none."""
     if x - x != 0:
         return []  # infinite or NaN: the grammar refuses it
     bound = RANGES.get(key, ANY)
@@ -105,7 +105,7 @@ def _describe(x: Any) -> str:
 
 
 def _chain_faults(document: Mapping[str, Any]) -> Iterator[Fault]:
-    """Yield a fault for the first point whose position is given relative to more than CHAINED points, one after the other.
+    """Yield a fault for the first point that begins a chain of more than CHAINED points, each given relative to the next.
 
     Circular references are found by `references.py`.
     """

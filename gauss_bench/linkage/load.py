@@ -1,4 +1,4 @@
-"""Load a linkage: read its file, apply a scenario, and return the assembled mechanism, or every fault at once."""
+"""Load a linkage: read its file, apply a scenario, and return the assembled mechanism, or raise all faults."""
 
 import copy
 import hashlib
@@ -27,12 +27,12 @@ from gauss_bench.untrusted import TooDeep, parse_toml, read_bytes
 
 Place = Callable[[Mechanism, dict[str, Any]], Mechanism]  # fills in q0, v0 of an unassembled mechanism from its document
 
-MAX_BYTES = 1_048_576  # 3,000 times a four-bar; a larger file is no hand-written linkage
+MAX_BYTES = 1_048_576  # 700 times the file of the four-bar; nobody writes a larger file by hand
 CACHED = 64  # largest number of mechanisms in the cache
 FIXED = ("format", "name", "crank", "expect", "scenarios")  # keys that a scenario may not override
 BUILT_IN = (Path(__file__).parents[1] / "_mechanisms", Path(__file__).parents[2] / "mechanisms")  # installed, in the repository
 SINGLE = ("pendulum", "projectile")  # linkages in `written/`, whose motion is known in closed form
-FAMILY_MEMBER = re.compile(r"(n_four_bar|pendulums)_([1-9][0-9]{0,2})")  # functions of generate.py, and their argument
+FAMILY_MEMBER = re.compile(r"(n_four_bar|pendulums)_([1-9][0-9]{0,2})")  # name of a function of generate.py, and its argument
 LARGEST = 400  # windows or bars of a generated linkage
 
 _cache: dict[tuple[str, str, str | None], Mechanism] = {}  # key: path, digest of the content, scenario; most recently used last
@@ -57,7 +57,7 @@ def find(name_or_path: str | Path) -> Path:
 def load(name_or_path: str | Path, scenario: str | None = None) -> Mechanism:
     """Load a linkage and assemble it in one scenario, by default the first scenario with a table `start`.
 
-    The same content of a file gives the same object, for which results may be cached.
+    While a file is unchanged, the same object is returned, so that results can be cached for it.
 
     Raises:
         LinkageError: the linkage has faults; the message names file, table and field of each.
@@ -149,7 +149,7 @@ def load_document(
 
 
 def choose_scenario(document: dict[str, Any], scenario: str | None, source: str, stem: str | None = None) -> str:
-    """Check a document and return the name of its scenario: the given one, or the first with a start.
+    """Check a document and return the name of its scenario: the given one, else the first with a start, else the first.
 
     Raises:
         LinkageError: the document has faults, or has no scenario of the given name.
@@ -220,7 +220,7 @@ def _toml_fault(message: str) -> tuple[str, str]:
 
 
 def document_faults(document: dict[str, Any], stem: str | None = None) -> list[Fault]:
-    """Return every fault of a document, also those that the override of a scenario causes."""
+    """Return every fault of a document, including those that the override of a scenario causes."""
     faults = _faults_without_overrides(document, stem)
     if any(f.path == "format" for f in faults):  # another format may have other keys: no other fault is certain
         return [f for f in faults if f.path == "format"]
@@ -244,7 +244,7 @@ def _faults_without_overrides(document: dict[str, Any], stem: str | None) -> lis
 
 
 def override_faults(document: dict[str, Any], override: dict[str, Any], path: str, fixed: Collection[str] = FIXED) -> list[Fault]:
-    """Return the faults of the paths in an override at `path`: tables that do not exist, and keys (`fixed`) that may not change."""
+    """Return the faults of the paths in an override at `path`: tables that do not exist, and `fixed` keys."""
     faults = []
     for key, value in override.items():
         inner = f"{path}.{key}"

@@ -47,7 +47,7 @@ def places(document: Document, *patterns: str) -> Iterator[Place]:
     In a pattern such as `scenarios.*.hold[*]`, * stands for any key, [*] for any entry of a list, and ~ for the keys themselves.
     """
     for pattern in patterns:
-        matches: list[Place] = [("", document)]  # of the pattern's components so far
+        matches: list[Place] = [("", document)]  # places that match the components so far
         for component in pattern.replace("[*]", ".[*]").split("."):
             matches = [inner for path, value in matches for inner in _match_entries(path, value, component)]
         yield from ((path, value) for path, value in matches if value is not None)
@@ -71,7 +71,7 @@ class Names:
     """The names that a document defines, and the faults that the checks have found so far.
 
     Attributes:
-        bodies: link -> the link at the end of its chain of welds: the root of its body; itself if it is not welded.
+        bodies: link -> the last link of its chain of welds, the same for all links of a body; itself if it is not welded.
         points: link, or "ground" -> names of its points.
     """
 
@@ -79,7 +79,7 @@ class Names:
         self.document = document
         self.faults: list[Fault] = []
         self.links, self.joints, self.forces = (table(document, key) for key in ("links", "joints", "forces"))
-        # in the form of points that are given relative to each other, whose chains `follow` finds
+        # in the form of points that are given relative to each other, so that `follow` finds their chains
         welds: dict[Any, Any] = {weld.get("link"): {"from": weld.get("to")} for _, weld in items(document, "welds")}
         self.bodies = {name: follow(welds, name)[0][-1] for name in self.links}
         self.points = {name: set(table(link, "points")) for name, link in self.links.items()}
@@ -131,7 +131,7 @@ class Names:
 
     def check_turns_on_ground(self, path: str, link: str) -> None:
         """Add a fault if the link has no revolute joint on the ground, unless the schema has rejected a joint."""
-        # only revolute joints have `at`; None is a joint or point that the schema rejected, which may have been the missing one
+        # only revolute joints have `at`; None stands for a joint or point that the schema rejected: it may be the missing one
         points_of_joints = [joint and joint.get("at", ()) for joint in self.joints.values()]
         if link not in self.links or any(points is None or None in points for points in points_of_joints):
             return
@@ -142,7 +142,7 @@ class Names:
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
     """Return all faults in names and combinations of keys; `stem` is the file's name without suffix, if there is a file."""
-    cylinder_faults = _cylinder_faults(document)  # first, because `expand_cylinders` needs faultless cylinders to expand them
+    cylinder_faults = _cylinder_faults(document)  # first, because `expand_cylinders` needs faultless cylinders
     if cylinder_faults:
         return cylinder_faults
     document = expand_cylinders(document)
@@ -151,13 +151,13 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
         names.fault("name", f"{document['name']!r} differs from the file's name {stem!r}")
     if "ground" in names.links:
         names.fault("links.ground", "'ground' is a reserved name")
-    # the rules of grammar.toml: names must exist, lists must be on different links, keys exclude or need each other
+    # the rules of grammar.toml: names must exist, entries of lists must be on different links, keys exclude or need each other
     for pattern, kind in GRAMMAR["named"].items():
         for path, name in places(document, pattern):
             names.check(path, name, kind)
     for path, references in places(document, *GRAMMAR["lists"]["apart"]):
         names.check_different_links(path, references)
-    for rule in GRAMMAR["fault"]:  # a table is faulty that has all keys of `with` and none of `without`
+    for rule in GRAMMAR["fault"]:  # a table is faulty if it has all keys of `with` and none of `without`
         for path, entry in places(document, *rule["tables"]):
             if not isinstance(entry, dict):
                 continue  # a point that is given as a list
@@ -225,8 +225,8 @@ def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
 
 
 def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
-    """Check that welds join existing links, each link once and not in a circle, and that each weld determines a pose."""
-    welded: set[str] = set()  # links of the welds so far
+    """Check that welds attach existing links, each once and not in a circle, at their own points, and give no angle twice."""
+    welded: set[str] = set()  # links that the welds so far attach
     for key, weld in items(names.document, path):
         place, link, to, pairs = f"{path}.{key}", weld.get("link"), weld.get("to"), sequence(weld, "points")
         for side, name in (("link", link), ("to", to)):
@@ -239,7 +239,7 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
         if link in welded:
             names.fault(f"{place}.link", f"link {link!r} is welded twice; weld the other link to it instead")
         elif link == to or (names.bodies.get(link) != names.bodies.get(to) and to in names.links):
-            # the weld puts `to` into the chain of `link`, so both chains have the same end, unless they are a circle
+            # the weld puts `to` into the chain of `link`, so that both chains have the same end, unless they form a circle
             names.fault(place, "welded in a circle")
         welded.add(link)
         for i, pair in enumerate(pairs):
@@ -256,7 +256,7 @@ def _check_joint(names: Names, path: str, joint: dict[str, Any]) -> None:
 
 
 def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
-    """Check the names of a force, that it acts between different links, and that friction has a radius in a pin only."""
+    """Check the names in a force, that it acts between different links, and that friction has a radius in a pin, not in a slide."""
     kind, joint, frame = (force.get(key) for key in ("type", "joint", "frame"))
     if "link" in force:
         ends = [force["link"], force.get("reaction", "ground")]

@@ -74,12 +74,12 @@ class Table(BaseModel):
 
 
 def key_of(kind: type[Table], name: str) -> str:
-    """Return the key of the field `name` in the file, which differs if it is a Python keyword, such as `from`."""
+    """Return the key in the file of the field `name`; they differ if the key is a Python keyword, such as `from`."""
     return kind.model_fields[name].alias or name
 
 
 def one_of(key: str, kinds: Mapping[str, Any]) -> Any:
-    """Return the union type of several kinds of table, one of which the value of `key` in a table names."""
+    """Return the union type of several kinds of table; the value of `key` in a table names its kind."""
     tagged: Any = reduce(or_, [Annotated[table, Tag(name)] for name, table in kinds.items()])
     return Annotated[tagged, Discriminator(lambda x: str(x.get(key)) if isinstance(x, dict) else None)]
 
@@ -421,7 +421,7 @@ def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
 
 
 def _put_none(document: Any, keys: list[Any]) -> None:
-    """Replace the value at the path `keys` in a document by None, unless the table that has it is None already."""
+    """Replace the value at the path `keys` in a document by None, unless its table is None already."""
     *parents, last = keys
     for key in parents:
         document = document[key]
@@ -452,7 +452,7 @@ def _describe_problem(error: dict[str, Any]) -> str:
 
 
 def physics_digest(document: dict[str, Any], scenario: str) -> str:
-    """Return the SHA-256 of all that affects the motion of a scenario; its `override` is already applied to `document`."""
+    """Return the SHA-256 of everything that affects the motion of a scenario; its `override` is already applied to `document`."""
     physics = _physics(LinkageTable.model_validate(document))
     chosen = physics.pop("scenarios")[scenario]
     acting = {name: physics["forces"][name] for name in chosen.get("forces", [])}

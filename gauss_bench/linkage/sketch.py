@@ -1,6 +1,6 @@
-"""First guess of a position: links are placed one after the other from the points and angles that the file gives.
+"""Guess a first position: place links one after the other from the points and angles that the file gives.
 
-A link is placed by two known points, or by one known point and an angle, from the file or from a slide on a link already placed.
+A link is placed by two known points, or by one known point and an angle, which the file gives or a slide determines.
 The pins of a placed link are then known on the neighbouring links.
 """
 
@@ -42,7 +42,7 @@ class _Placing:
     """
 
     def __init__(self, mechanism: Mechanism, document: dict[str, Any]):
-        """Read the table `assembly` of the file; so far only the ground has a known position."""
+        """Read the table `assembly` of the file; at first only the ground has a known position."""
         self.mechanism = mechanism
         assembly = document.get("assembly", {})
         angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()}
@@ -86,7 +86,7 @@ class _Placing:
                 known.setdefault(mine.name.partition(".")[2], self.world(other))
         if not known:
             return False
-        first = next(iter(known))  # the sketch is rough: the body meets this point, and only turns towards a second one
+        first = next(iter(known))  # the sketch is rough: this point is met exactly, a second one only in direction
         angle = self._angle(i, first, known)
         if angle is None:
             return False
@@ -97,8 +97,8 @@ class _Placing:
     def _angle(self, i: int, first: str, known: dict[str, Array]) -> float | None:
         """Return the angle [rad] of body i from the file, else a second known point, else a slide; None if unknown.
 
-        `known` has the world positions (2,) [m] of points, `first` among them. Whole turns are added to the
-        angle, so that it is near the one that a slide on a placed body gives.
+        `known` has the world positions (2,) [m] of points, `first` among them. Whole turns bring the angle nearest to the angle
+        that a slide on a placed body gives.
         """
         points = self.mechanism.links[i].points
         partner_angle, angle = self._angle_by_partner(i), self.given.get(i)
@@ -135,7 +135,7 @@ class _Placing:
             x, y = block - guide
             distance = float(np.hypot(x, y))
             if distance > abs(joint.offset):
-                # the axis passes the block at the offset: it is turned off the line of both points by arcsin(offset / distance)
+                # the axis passes the block at the distance `offset`: to the line of both points it has this arcsin as its angle
                 line = float(np.arctan2(y, x)) - float(np.arcsin(joint.offset / distance)) - joint.angle
                 return line if i == joint.guide.link else line + joint.turn
         return None

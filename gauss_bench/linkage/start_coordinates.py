@@ -1,4 +1,4 @@
-"""Choose the coordinates whose initial values a new linkage file, of the import or of the studio, should prescribe."""
+"""Choose the coordinates whose initial values a new linkage file (from an import or the studio) should prescribe."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ TABLES = {"angle": ("angles", "speeds"), "slide": ("slides", "slide_speeds"), "p
 class Candidate:
     """An angle of a link, a slide, or a point (x and y), whose coordinates the table `start` of a linkage file may prescribe.
 
-    `kind` is a key of TABLES, `name` that of the link or joint, or "LINK.POINT".
+    `kind` is a key of TABLES; `name` is the name of the link or joint, or "LINK.POINT".
     """
 
     kind: str
@@ -31,7 +31,7 @@ class Candidate:
 
 
 def choose_held(mechanism: Mechanism, q: Array, free: Array) -> list[Candidate]:
-    """Return the angles of links, slides, and points (one of every link) to prescribe, which together determine q (n,).
+    """Return coordinates that together determine q (n,), from all angles of links, slides, and the first point of every link.
 
     The columns of `free` (n, dof) are the motions that the joints leave free. Each choice is the first candidate whose sensitivity
     to the motions that are still free is at least GOOD times the largest.
