@@ -1,4 +1,4 @@
-"""Formulations: functions that return the Solution of Terms. Each is a page of a textbook; it uses numpy and scipy, and no linkage.
+"""Formulations: functions that return the `Solution` of `Terms` by a textbook's equations, with numpy and scipy, and no linkage.
 
 The formulations in CONTROLS are wrong on purpose. The suite must detect that their results are wrong, and excludes them from all
 rankings.
@@ -18,7 +18,7 @@ class Formulations(UserDict[str, Any]):
     """Formulations by name; a value "module:function" names a function of this package, which is imported when it is used."""
 
     def __getitem__(self, name: str) -> Formulation:
-        """Return the formulation with a name; its module is imported when the formulation is first used."""
+        """Return the formulation with a name."""
         entry: Formulation = self.data[name]
         return resolve_name(f"{__name__}.{entry}") if isinstance(entry, str) else entry
 

@@ -17,7 +17,7 @@ from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from gauss_bench.terms import Array, SingularSystem, Solution, Terms
 
-SINGULAR = 1e-15  # largest reciprocal condition of a singular KKT matrix: LU leaves 1e-17, usable linkages have 1e-7 or more
+SINGULAR = 1e-15  # largest reciprocal condition number of a singular KKT matrix: LU leaves 1e-17, usable linkages 1e-7 or more
 
 
 def lagrange(terms: Terms) -> Solution:

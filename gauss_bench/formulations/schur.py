@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
 
 from gauss_bench.terms import SingularSystem, Solution, Terms
 
-SINGULAR = 1e-15  # largest reciprocal condition of a singular complement; it is the square of that of J M^(-1/2)
+SINGULAR = 1e-15  # largest reciprocal condition number of a singular complement: the square of that of J M^(-1/2)
 
 
 def schur(terms: Terms) -> Solution:
@@ -23,7 +23,7 @@ def schur(terms: Terms) -> Solution:
     """
     M, J, Q, gamma = terms.M, terms.J, terms.Q, terms.gamma
     if not len(J):
-        return Solution(np.linalg.solve(M, Q), np.zeros(0), 0)  # LAPACK takes no system without unknowns
+        return Solution(np.linalg.solve(M, Q), np.zeros(0), 0)  # LAPACK refuses a system without unknowns
     weighted = np.linalg.solve(M, np.column_stack([J.T, Q]))  # M^-1 [J^T Q]
     S = J @ weighted
     complement, rhs = S[:, :-1], S[:, -1] - gamma

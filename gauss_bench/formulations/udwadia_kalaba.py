@@ -10,7 +10,7 @@ import numpy as np
 
 from gauss_bench.terms import Array, Solution, Terms
 
-RANK_TOLERANCE = 1e-10  # share of the largest singular value that counts as zero, as in `gauss`
+RANK_TOLERANCE = 1e-10  # singular values below this share of the largest are zero, as in `gauss`
 
 
 def udwadia_kalaba(terms: Terms) -> Solution:

@@ -12,14 +12,11 @@ import numpy as np
 
 from gauss_bench.terms import Solution, Terms
 
-RANK_TOLERANCE = 1e-10  # share of the largest singular value that counts as zero, as in `gauss`
+RANK_TOLERANCE = 1e-10  # singular values below this share of the largest are zero, as in `gauss`
 
 
 def yuan_ge_eq16(terms: Terms) -> Solution:
-    """Return accelerations (n,) by eq. (16) of Yuan and Ge (2016), which are wrong although they satisfy every constraint.
-
-    The projection of M^-1 Q ignores the masses. It is kept as an example of an error that tests of the constraints cannot detect.
-    """
+    """Return accelerations (n,) by eq. (16) of Yuan and Ge (2016), which are wrong although they satisfy every constraint."""
     J_pinv = np.linalg.pinv(terms.J, rcond=RANK_TOLERANCE)
     free = np.linalg.solve(terms.M, terms.Q)
     a = J_pinv @ terms.gamma + free - J_pinv @ (terms.J @ free)

@@ -15,7 +15,7 @@ from gauss_bench.terms import Array
 if TYPE_CHECKING:
     from scipy.integrate import DOP853
 
-MOST = 100_000  # largest number of steps: a linkage takes some hundred per second, but near a locked position ever shorter ones
+MOST = 100_000  # largest number of steps: some hundred per second are usual, but near a locked position steps shrink without end
 
 
 def dop853(
@@ -36,7 +36,7 @@ def dop853(
     from scipy.integrate import DOP853  # its import takes longer than most runs
 
     n, steps, evaluations = q.shape[1], 0, 0
-    done = 1  # rows that are filled
+    done = 1  # number of filled rows
     begin, finish, y = float(times[0]), float(times[-1]), np.concatenate([q[0], v[0]])
     for end in (*(t for t in kinks if begin < t < finish), finish):
         # latest time of an evaluation: a force that jumps at the kink has its old value just before
@@ -63,6 +63,6 @@ def dop853(
 def _sample_step(solver: "DOP853", times: Array) -> list[Array]:
     """Return the states (2 n,) at those sample times that the last step has passed; `times` are increasing and not yet sampled."""
     passed = times[: np.searchsorted(times, solver.t, side="right")]
-    # the interpolation inside the step costs evaluations: take it only for times before its end
+    # the interpolation inside the step costs evaluations, and is only needed for times before the end of the step
     inside = solver.dense_output() if len(passed) and passed[0] < solver.t else None
     return [solver.y if inside is None or t == solver.t else inside(t) for t in passed]

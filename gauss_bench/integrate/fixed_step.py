@@ -1,4 +1,4 @@
-"""Integrators with steps of a given size: a function takes one step, from t, q, v (n,) to q, v at t + h.
+"""Integrators with steps of a given size: functions that take one step, from t, q, v (n,) to q, v at t + h.
 
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), sections II.1 and, for DOP853, II.5; the
 semi-implicit Euler method as in Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section I.1.2.
@@ -13,7 +13,7 @@ import numpy as np
 
 from gauss_bench.terms import Array
 
-DIFFERENCE = 1e-7  # [rad, m; rad/s, m/s] step of the finite differences that give a Jacobian: about the root of rounding
+DIFFERENCE = 1e-7  # [rad, m; rad/s, m/s] step of the finite differences that give a Jacobian: about the square root of rounding
 NEWTON_STEPS = 20  # largest number of iterations of Newton's method
 CONVERGED = 1e-13  # relative change of velocities at which Newton's method ends
 ROUNDING = 4 * np.finfo(float).eps  # relative distance below which two times are the same
@@ -151,7 +151,7 @@ def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
     """
     counts = []
     for gap, end in zip(np.diff(times), times[1:], strict=True):
-        count = max(1, int(np.ceil(gap / step * (1 - 1e-9))))  # a quotient just above an integer is rounding
+        count = max(1, int(np.ceil(gap / step * (1 - 1e-9))))  # a quotient just above an integer is that integer
         is_multiple = abs(gap - count * step) <= ROUNDING * end
         counts.append((count, step if is_multiple else float(gap) / count))
     return counts
@@ -223,5 +223,5 @@ def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterato
 
 
 def held_back(acceleration: Acceleration, last: float) -> Acceleration:
-    """Return an acceleration evaluated no later than `last` [s]: a force that jumps after it keeps its value before the jump."""
+    """Return an acceleration evaluated no later than `last` [s]: a force that jumps later keeps its value before the jump."""
     return acceleration if last == np.inf else lambda t, q, v: acceleration(min(t, last), q, v)

@@ -10,7 +10,7 @@ Other modules:
 - `assembly`: the loop of a drawn linkage that cannot be closed.
 - `synthesis`: four-bars through given poses.
 - `centres`: instant centres, ratios of velocities and of forces.
-- `freedom`, `dragging`: the free motions at a position; a linkage is moved by one of its points.
+- `freedom`, `dragging`: the free motions at a position, and a linkage that is dragged by one of its points.
 
 The papers of Wang et al. (2010) and Men et al. (2009) are cited in `gauss_bench.papers`.
 """

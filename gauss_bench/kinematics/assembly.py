@@ -1,8 +1,8 @@
 """Find the loop of a drawn linkage that cannot be closed, how far it stays open, and the lengths that would close it.
 
 Without the pairs that close the loops, the linkage is a tree, which can always be assembled. The loops are then closed one after
-the other: one pin of each (its "chord") is cut, and its two ends are dragged as near to each other as possible, while all earlier
-loops stay closed. The vectors w through the links of the loop add up to the gap g that is left, so that
+the other: one pin of each loop (the chord) is cut, and the two ends of this pin are dragged as near to each other as possible,
+while all earlier loops stay closed. The vectors w through the links of the loop add up to the gap g that is left, so that
 
     |g| = |sum w|,    d|g| / d|w| = (w / |w|) . g / |g|.
 
@@ -23,7 +23,7 @@ from gauss_bench.mechanism.model import Joint, Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 
-TRIES = 6  # searches for the nearest position: one from the drawing, the others from drawings with randomly turned links
+TRIES = 6  # number of searches for the nearest position: the first from the drawing, the others after random turns of its links
 TURNED = 1.0  # [rad] largest random turn of a link
 STEPS = 200  # largest number of steps of a search
 ALONG = 0.5  # smallest cosine of the angle between a link and the gap if a change of its length is to close the gap
@@ -33,7 +33,7 @@ MOVED = 0.5  # smallest displacement of a linkage that moves, as a share of the 
 
 @dataclass(frozen=True)
 class Length:
-    """A change of a link that would close a loop: the distance of two of its points, now and as needed [m]."""
+    """A change of a link that would close a loop: the distance of two points of the link, now and as needed [m]."""
 
     link: str
     points: tuple[str, str]
@@ -129,7 +129,7 @@ def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pl
     local minimum. A slide has no point to drag: its distance is 0 if it can be closed, else infinite.
     """
     opened = replace(mechanism, joints=tuple(joints))
-    if not chord.ends_meet:  # only if there is no pin at which the loop could be cut
+    if not chord.ends_meet:  # a slide: there is no pin at which the loop could be cut
         closed = Freedom(replace(opened, joints=(*joints, chord))).close(place.q)
         return (place, np.inf) if closed is None else (closed, 0.0)
     best, apart, rng = place, np.inf, np.random.default_rng(0)
@@ -180,9 +180,9 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
 def rank_about(mechanism: Mechanism, q: Array) -> int:
     """Return the rank of the Jacobian J of the joints at a generic position near q (n,), or at q if the joints are open there.
 
-    The largest of the ranks at q and at neighbouring positions, to which the linkage can move, is taken. Two bars that are
-    stretched along one line cannot move, although J loses rank. All links of such a linkage are turned slightly, which opens the
-    joints: J would have the same rank with slightly different lengths.
+    It is the largest of the ranks at q and at neighbouring positions to which the linkage can move. Two bars that are stretched
+    along one line cannot move, although J loses rank. All links of such a linkage are turned slightly, which opens the joints: J
+    would have the same rank with closed joints and slightly different lengths.
     """
     freedom, rng = Freedom(replace(mechanism, drivers=(), knife_edges=())), np.random.default_rng(0)
     place = freedom.close(q)
@@ -190,7 +190,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
         _, here = freedom.evaluate(q)
         return _rank(here)
     rank = _rank(place)
-    is_generic = not place.free.size  # without a free motion J has full column rank, and no neighbour can have a larger one
+    is_generic = not place.free.size  # without a free motion J has full column rank, the largest possible
     for _ in range(3):
         motion = place.free @ rng.normal(size=place.free.shape[1])  # in scaled coordinates
         size = largest(motion) or 1.0

@@ -1,4 +1,4 @@
-"""Motion of a linkage in basic coordinates (of its points): positions by a root search, rates from the differentiated equations.
+"""Compute a motion in basic coordinates, those of points: positions by a root search, rates from the differentiated equations.
 
 Let p be the coordinates of the unknown points, x the inputs, phi(p, x) = 0 the equations of `point_equations`, and J = dphi/dp.
 
@@ -34,10 +34,10 @@ from gauss_bench.terms import Array, largest
 LARGEST_TURN = np.radians(10.0)  # [rad] largest change of an input in one step: the error of a prediction is a small part of it
 LARGEST_SLIDE = 0.1  # [sizes of a link] the same for an input that is a length
 SHORTEST = 2.0**-20  # shortest step as a share of the largest: a limit of motion is found to 2e-7 rad
-STRAY = 0.5  # largest correction: of points as a share of the predicted change, of angles [rad]; both shrink with the step
-TOLERANCE = 1e-14  # largest residual, as a share of the largest coordinate: some 50 units of rounding
+STRAY = 0.5  # largest correction of a prediction: of points as a share of their predicted change, of angles in [rad]
+TOLERANCE = 1e-14  # largest residual, as a share of the largest coordinate: 50 times the rounding of a number
 RANK_TOLERANCE = 1e-4  # smallest ratio r of singular values: the error of positions is 1e-14 / r, that of rates 1e-14 / r^2 = 1e-6
-PROBE = 1e-3  # a failure is examined at this share of the largest step beyond it: far above SHORTEST
+PROBE = 1e-3  # a failure is examined beyond it, at the distance of this share of the largest step: far above SHORTEST
 
 Branch = Mapping[str, int]
 
@@ -69,7 +69,7 @@ def basic_motion(mechanism: Mechanism, times: Array) -> Motion:
 
 
 def _motion(mechanism: Mechanism, states: list[Array], corrections: list[int]) -> Motion:
-    """Return the motion through states (3, n), each with the rows q, v and a; `corrections` are its iterations."""
+    """Return the motion through states (3, n), each with the rows q, v and a; `corrections` are `Motion.iterations`."""
     q, v, a = np.array(states).reshape(-1, 3, mechanism.n).swapaxes(0, 1)
     return Motion(q, v, a, np.array(corrections, dtype=int))
 
@@ -152,7 +152,7 @@ class _Follower:
         # correction: a root search from the prediction, which must end near it
         root = gauss_newton(model.residual(x), self.p + dp, self.tolerance)
         self.corrections += root.iterations
-        # the root [m] is for steps that move no point: near a double root, points are found to the root of the residual's tolerance
+        # sqrt(tolerance) [m] is for steps that move no point: it is the accuracy of points near a double root
         max_correction = STRAY * largest(Z[1, model.points.first :]) + np.sqrt(self.tolerance)
         if root.flag != ExitFlag.CONVERGED or largest(root.x - self.p - dp) > max_correction:
             raise _StepTooLong
@@ -202,8 +202,8 @@ class _Follower:
     def _failure(self, step: Array) -> MotionError:
         """Return the exception that tells why the motion ends here: at a limit, or else at a singular position.
 
-        At a limit the equations have no solution for inputs moved on by a small part of `step` (i,), the largest step in their
-        direction.
+        At a limit the equations have no solution if the inputs move on by a small part of `step` (i,), the largest step in the
+        direction of the motion.
         """
         # a solution just ahead counts only if it is near the present points, in the same assembly;
         # Levenberg-Marquardt comes as near as the links reach, where Gauss-Newton would diverge

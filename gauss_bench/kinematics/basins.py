@@ -1,8 +1,8 @@
-"""Study of convergence: three root finders from random starts at different distances from the right assembly.
+"""Compare how three root finders converge from random starts at different distances from the right assembly.
 
 Men, Feng, He (2009) start a search from the assembly as drawn or from the previous position, and call it insensitive to its start.
-From starts as near as those every root finder finds the assembly, but from starts anywhere within the size of the linkage each of
-them sometimes misses it.
+From starts as near as these, every root finder finds the right assembly. From starts anywhere within the size of the linkage, each
+root finder sometimes misses it.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ class Basin:
 
     Attributes:
         spread: largest distance of a start from the solution in any coordinate [m, or rad for angles].
-        right, other: shares of the starts from which the search ended at the solution, or at another root; others did not converge.
+        right, other: shares of the starts from which the search ended at the solution, or at another root.
         iterations: mean number of iterations to the solution; NaN if no search ended there.
     """
 
@@ -40,15 +40,15 @@ class Basin:
 
 
 def point_form(mechanism: Mechanism) -> Form:
-    """Return the point equations, a function of p (2 u,), with the inputs as in q0."""
+    """Return the `Form` of the point equations, functions of p (2 u,), with the inputs as in q0."""
     model = PointModel(mechanism)
     return model.residual(model.points.inputs_at(mechanism.q0)), model.points.unknown_at(mechanism.q0), np.subtract
 
 
 def loop_form(mechanism: Mechanism) -> Form:
-    """Return the loop equations, a function of the unknown variables, with the inputs as in q0.
+    """Return the `Form` of the loop equations, functions of the unknown variables, with the inputs as in q0.
 
-    Whole turns are removed from differences, which is right for a slide [m] only below pi metres.
+    Whole turns are removed from all differences, which is right for slides if they differ by less than pi metres.
     """
     equations = LoopEquations(mechanism)
     start = equations.start()  # unknown variables, then inputs

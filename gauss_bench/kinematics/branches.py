@@ -1,4 +1,4 @@
-"""All assemblies of a linkage with its inputs fixed, found from random starts.
+"""Find the assemblies of a linkage with its inputs fixed, from random starts.
 
 From randomly placed links Levenberg-Marquardt approaches the constraints, and Gauss-Newton converges onto them. The search ends
 after PATIENCE starts without a new assembly, and may therefore miss assemblies.
@@ -26,7 +26,7 @@ def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
     q.
 
     Raises:
-        ValueError: the fixed inputs leave a motion free, or the joints are open at q.
+        ValueError: the linkage has no inputs, the fixed inputs leave a motion free, or the joints are open at q.
     """
     freedom = Freedom(hold_inputs(mechanism, q))
     closed = freedom.close(q)

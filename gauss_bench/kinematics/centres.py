@@ -1,4 +1,4 @@
-"""Instant centres, at which two links have the same velocity, and ratios of velocities and forces, of one free motion.
+"""Find instant centres, at which two links have the same velocity, and ratios of velocities and of forces, of one free motion.
 
 Let the complex numbers z and u be the place and the velocity of the centre of mass of a link, and omega its angular speed. The
 instant centre c of two links a and b follows from

@@ -37,8 +37,8 @@ NEAR = 1e-13  # distance from the target that is only rounding
 RESTING = 1e-8  # a smaller step is the last: the next step, of the order of its square, would be rounding
 REACHED = 1e-10  # distance at which the point counts as being at its target
 FLAT = 1e-9  # share of the largest curvature below which a curvature counts as zero
-MARGIN = 1e-3  # smallest |det P|: about one degree before an arm is stretched, 1e-4 of its length
-# in a direction in which the point can move, it moves at least by this share of the linkage's own displacement; above MARGIN
+MARGIN = 1e-3  # smallest |det P|: an arm stops about one degree before it is stretched, 1e-4 of its length short
+# smallest displacement of the point in a direction in which it can move, as a share of the linkage's displacement; above MARGIN
 STANDING = 5e-3
 
 
@@ -247,7 +247,7 @@ class Drag:
         """
         curvature, V = np.linalg.eigh(H)
         smallest, flat = float(curvature[0]), FLAT * float(np.abs(curvature).max())
-        # mu raises a negative smallest curvature to its absolute value, and one near zero to at least `flat`
+        # mu raises a negative smallest curvature to its absolute value plus `flat`, and one near zero to at least flat / 2
         mu = max(0.0, flat - 2.0 * smallest) if smallest < flat else 0.0
         y: Array = -V @ ((V.T @ gradient) / (curvature + mu))
         is_maximum = smallest < -flat and np.abs(y).max() < RESTING * self.freedom.size

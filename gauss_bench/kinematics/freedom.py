@@ -22,7 +22,7 @@ from gauss_bench.terms import Array, largest
 
 RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singular value counts as zero
 CLOSED = 1e-13  # [sizes of the linkage] largest residual that rounding explains
-ROUNDING = 1e3  # [CLOSED] largest residual that is accepted after the last correction, because rounding may keep it above CLOSED
+ROUNDING = 1e3  # largest residual that is accepted after the last correction, in units of CLOSED: rounding may exceed CLOSED
 STILL = 1e-8  # [sizes of the linkage] largest last correction: by quadratic convergence it leaves only rounding
 CORRECTIONS = 12  # largest number of corrections: three are usual from a prediction to second order
 
@@ -71,7 +71,7 @@ class Freedom:
         """Return a position near q (n,) that satisfies the constraints, found by Gauss-Newton; None if it does not converge."""
 
         def has_ended(_: Array, phi: Array, __: Array) -> bool:
-            """Tell whether the largest residual phi is below CLOSED, or not finite."""
+            """Tell whether the largest residual phi is at most CLOSED, or not finite."""
             return not CLOSED * self.size < largest(phi) < np.inf
 
         def shortest(J: Array, phi: Array) -> Array:

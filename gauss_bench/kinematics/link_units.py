@@ -122,9 +122,9 @@ def planar(vectors: Sequence[complex]) -> Array:
 def link_type(elements: Iterable[Element], frame: bool = False) -> str:
     """Return the paper's code for the type of the link that has these elements; `frame` tells whether it is the frame.
 
-    The code has an R for each pin and a P for each slide; four or more pins are written as 4R. P is followed by 1 for the
-    block, or by 2 for the guide, if it is the only slide of a moving link. The code of the frame ends in 0. An active bar has
-    the code S. A multiple joint counts as one pin.
+    The code has an R for each pin and a P for each slide; more than three equal letters are written with their number, as in 4R.
+    The P of the only slide of a moving link is followed by 1 for a block, or by 2 for a guide. The code of the frame ends in 0. An
+    active bar has the code S. A multiple joint counts as one pin.
     """
     # elements with the same `node` belong to one multiple joint
     kinds = list({element.node: element.kind for element in elements}.values())

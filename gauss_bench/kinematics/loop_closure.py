@@ -1,8 +1,8 @@
-"""Motion of a linkage that follows its inputs, by closing its loops.
+"""Compute the motion of a linkage that follows its inputs, by closing its loops.
 
 A state x has TU unknown variables, then TK inputs, as in `LoopEquations`. Between two sample times all inputs change in proportion.
-A step is halved until the new state belongs to the same assembly by three tests: every angle changes by a small amount, Newton's
-method converges near the second-order prediction, and det(J^T J_next) > 0 for the Jacobians at both states (for a square
+A step is halved until the new state belongs to the same assembly by three tests: the predicted change of every angle is small,
+Newton's method converges near this second-order prediction, and det(J^T J_next) > 0 for the Jacobians at both states (for a square
 J: its determinant keeps its sign). The motion ends where even the shortest step fails: at a limit, beyond which the loops cannot be
 closed, or at a singular position, where they can be closed in more than one way.
 

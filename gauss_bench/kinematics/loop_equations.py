@@ -16,8 +16,8 @@ The rows of all loops, stacked, are the matrices A, J, B, J', B' of the linkage.
     velocities:                                   J phi' = -B q'
     accelerations:                                J phi'' = -B q'' - B' q' - J' phi'
 
-All are solved in the least-squares sense, which gives the exact solution of a square J, because redundant joints make the equations
-of the loops dependent.
+All are solved in the least-squares sense, because redundant joints make the equations of the loops dependent. The solution is exact
+if J is square.
 
 Source: Wang et al. (2010), eqs. (1)-(5), (9)-(15). The paper prints the stacked matrices of (13)-(15) as a transposed row, in which
 the blocks of the loops would be beside, not below, each other.
@@ -191,7 +191,7 @@ class LoopEquations:
         return Matrices(A, JB[:, :unknowns], JB[:, unknowns:], JB_rate[:, :unknowns], JB_rate[:, unknowns:])
 
     def with_inputs(self, inputs: Array) -> Residual:
-        """Return the function that gives A (2L,) and J (2L, TU) at unknown variables phi (TU,), with these inputs (TK,)."""
+        """Return the function that returns A (2L,) and J (2L, TU) at unknown variables phi (TU,), with these inputs (TK,)."""
         still = np.zeros(len(self.variables))
 
         def residual(phi: Array) -> tuple[Array, Array]:

@@ -7,8 +7,8 @@ three constant rows of coefficients a, b, c (N,) each:
     first derivative:   dphi = Re(r dz),  with  r = conj(b z) a + conj(a z) b + c
     second derivative:  phi'' = Re(r z'') + 2 Re(conj(a z') (b z'))
 
-The equations are listed here with the points or drivers to which they belong. A, B, C, P are points in the world, a, b, c the
-places of A, B, C in the frame of a link, and u is the unit vector of a slide's line through the point G:
+The equations are listed here with the points or drivers to which they belong. In this list A, B, C, P are points in the world; a,
+b, c are the places of A, B, C in the frame of a link, L = |b - a|; u is the unit vector of a slide's line through the point G:
 
     (|B - A|^2 - L^2) / 2 L:             the two points that show a link's direction
     C - A - (c - a) (B - A) / (b - a):   two rows, for every further point of a link, or of a link that shares its angle
@@ -65,7 +65,7 @@ def link_equations(p: Points, link: int) -> Iterator[Equation]:
         L = abs(p.local(link, B) - p.local(link, A))
         bar = (p.unit(B) - p.unit(A)) / np.sqrt(2 * L)  # a = b = bar: the product conj(a z) (b z) is |B - A|^2 / 2 L
         yield bar, bar, -L / 2 * p.unit(0)  # (|B - A|^2 - L^2) / 2 L = 0; entry 0 of z is 1
-    # every further point C: neither the anchor A, from which the others are computed, nor known already, nor the point B above
+    # every further point C: neither the anchor A, from which others are computed, nor placed by this link, nor the point B above
     for k in p.entries_of[link]:
         if k != anchor and p.placed_by.get(k) != link and (link != owner or k != B):
             row = p.unit(k) - p.point(link, p.local(link, k))  # C minus its place computed from A and the direction of the link
@@ -171,7 +171,7 @@ class PointModel:
         return np.asarray(2 * ((self.a @ dz).conj() * (self.b @ dz)).real)
 
     def signs(self, J: Array) -> Array:
-        """Return the sign of the determinant of each group's block of J (m, 2 u), as (g,); it differs between assemblies."""
+        """Return the sign of the determinant of each group's block of J (m, 2 u), as (g,); signs distinguish assemblies."""
         signs = [np.sign(np.linalg.det(J[np.ix_(group.rows, group.columns)])) for group in self.groups]
         return np.array(signs, dtype=int)
 

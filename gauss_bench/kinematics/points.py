@@ -71,7 +71,7 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
     for slide in mechanism.slides:
         add(slide.block.name, slide.block)
     for bar in (d for d in mechanism.drivers if isinstance(d, LengthDriver)):
-        for end in (bar.a, bar.b):  # not needed on a link that has two points, from which any other place follows
+        for end in (bar.a, bar.b):  # not needed on a link with two points: its other places follow from these
             if end.link != GROUND and count(end.link) < 2:
                 add(end.name, end)
     for slide in mechanism.slides:  # every guide needs a point

@@ -1,6 +1,6 @@
 """Three methods that find a root of F(x) = 0, with the same arguments and result, so that `basins` can compare them.
 
-They stand apart from `mechanism/close.py`, because a comparison needs the reason why a search ended and the number of its steps.
+They do not use `mechanism/close.py`, because a comparison needs the reason why a search ended and the number of its steps.
 
 Let J be the Jacobian of F at the present point x. Each method goes from x to x + h. The step h follows from
 
@@ -28,7 +28,7 @@ LIMIT = 100  # largest number of iterations
 SUFFICIENT = 1e-4  # smallest decrease by a step, as a share of the predicted decrease: the usual constant of Armijo's condition
 LENGTHS = 30  # number of lengths of a step that are tried, each half of the one before: the last is 2e-9 of the first
 DAMPING = 1e-3  # first mu as a share of the largest diagonal entry of J^T J, for a fair first guess
-FLAT = 1e-8  # |J^T F| / (|J| |F|) at a minimum of |F| that is no root; at a double root F is 1e-16 before the ratio is this small
+FLAT = 1e-8  # largest |J^T F| / (|J| |F|) at a minimum that is no root; near a double root F is 1e-16 before the ratio is as small
 
 
 class ExitFlag(StrEnum):
@@ -67,7 +67,7 @@ def end_search(x: Array, F: Array, tolerance: float, iteration: int) -> Root | N
 
 
 def full_step(F: Array, J: Array) -> Array | None:
-    """Solve J h = -F for h (n,) in least squares; None if the columns of J are dependent."""
+    """Return the least-squares solution h (n,) of J h = -F; None if the columns of J are dependent."""
     if not J.size:
         return None if J.shape[1] else np.zeros(0)
     h, _, rank, _ = np.linalg.lstsq(J, -F, rcond=RANK_TOLERANCE)

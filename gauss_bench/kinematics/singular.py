@@ -1,8 +1,8 @@
 """Find the limits of motion and the dead centres of a linkage with one degree of freedom, with an error of the order of rounding.
 
 The positions of the linkage form a curve q(s), whose tangent x satisfies J x = 0 for the Jacobian J of the joints. A coordinate
-c(q) with the gradient g reverses where g . x = 0, and cannot drive the linkage there. Such a position is a limit of motion if the
-coordinate is the crank's angle, and a dead centre if it is any other coordinate.
+c(q) with the gradient g reverses where g . x = 0, and cannot drive the linkage there. Such a position is a limit of motion if c is
+the driving coordinate (the crank's angle, else the measured coordinate), and a dead centre if c is another coordinate.
 
 The curve is followed in steps of equal length, because q(s) is smooth even where a coordinate reverses. If g . x changes its sign,
 a root finder searches along the tangent for g . x = 0, and solves the constraints at every trial.
@@ -28,7 +28,7 @@ STEP = 0.02  # [rad, m] length of a step along the curve
 LONGEST = 4000  # largest number of steps: more than ten turns of the fastest link
 ENDS = (-0.1 * STEP, 1.1 * STEP)  # distances back along the tangent between which the last step has passed a reversal
 NEWTON_STEPS = 30  # largest number of corrections of a position
-TOLERANCE = 1e-12  # [rad, m] largest last correction; |g . x| below it is zero
+TOLERANCE = 1e-12  # [rad, m] largest last correction; a smaller |g . x| counts as zero
 REVERSED = 1e-9  # largest |g . x| at a root; at a fork of the curve the search ends at a jump of g . x instead
 SAME = 1e-6  # [rad, m] distance below which two positions are the same
 RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singular value counts as zero
@@ -65,7 +65,7 @@ class Singular:
 def input_coordinate(mechanism: Mechanism) -> Measured:
     """Return the driving coordinate: the crank's angle, or the measured coordinate of a linkage without crank.
 
-    If that is one of `driving_coordinates`, the member of that list is returned, which has a shorter name.
+    If the measured coordinate is one of `driving_coordinates`, the member of this list is returned, which has a shorter name.
     """
     if mechanism.crank is not None:
         return Measured(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
@@ -117,7 +117,7 @@ class Curve:
         return -x if along is not None and x @ along < 0 else x
 
     def orientation(self, q: Array, x: Array) -> float:
-        """Return the sign of det [J; x] for the unit tangent x (n,) at q (n,), which changes at a fork; 0 if it is not square."""
+        """Return the sign of det [J; x] with the unit tangent x (n,) at q, which changes at a fork; 0 for a matrix that is not square."""
         A = np.vstack([self.constraints.residual(q)[1], x])
         return float(np.linalg.slogdet(A)[0]) if A.shape[0] == A.shape[1] else 0.0
 

@@ -18,7 +18,7 @@ Pose = tuple[complex, float]
 NAMES = ("first", "second")  # connections of the coupler to the ground
 ORDER = ("first", "second", "third")  # poses
 LINE = 1e-9  # height of a triangle, in lengths of its longest side, below which its corners lie on a line
-FARTHEST = 100.0  # largest distance of a pivot from its pin, in lengths of that longest side: poses do not determine a farther one
+FARTHEST = 100.0  # largest radius of the circle through the corners, in longest sides: beyond it, they almost lie on a line
 SAME = 1e-6  # smallest distance of two different places, as a share of the lengths that they are compared with
 DEAD = 1e-6  # largest sine of the angle between coupler and output at a dead point, which belongs to both branches
 
@@ -118,7 +118,7 @@ def four_bar_of_pivots(poses: Sequence[Pose], pivots: Sequence[complex]) -> Four
 def connect(pin: complex, places: tuple[complex, ...], name: str) -> Connection:
     """Return the connection that guides a pin through three places: a bar from their circle's centre, or a slide along their line.
 
-    `pin` is its place in the frame of the coupler; `name` begins the message of an exception.
+    `pin` is the place of the pin in the frame of the coupler; `name` begins the message of an exception.
 
     Raises:
         NoFourBar: two of the three places coincide, or the circle through them is too large.
@@ -191,7 +191,8 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
 def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
     """Return the branch of the four-bar in a pose: 1 or -1, or 0 at a dead point, which belongs to both branches.
 
-    It is the sign of the sine of the angle between the coupler and the bar `other` that is not driven, or the normal of its slide.
+    It is the sign of the sine of the angle between the coupler and the bar `other`, or between the coupler and the normal of the
+    slide `other`.
 
     Args:
         a, b: places of the pin of the driven connection, and of the other one.

@@ -153,7 +153,7 @@ def loose_links(mechanism: Mechanism) -> tuple[int, ...]:
 
 
 def pin_loose_links(mechanism: Mechanism) -> Mechanism:
-    """Return the linkage with a pin on the frame for every group of links that no joint connects to it; it closes no loop."""
+    """Return the linkage with a pin on the frame for every group of links that no joint connects to it; no loop is closed."""
     while loose := loose_links(mechanism):  # each pin takes a whole group out of this list
         name = f"loose {loose[0]}"
         pin = Revolute(name, name, Point(GROUND, np.zeros(2), "ground."), Point(loose[0], np.zeros(2), ""))

@@ -59,8 +59,8 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     """Return the mechanism with its start q0, v0 (n,), the degrees of freedom `dof` and the number `redundant` of redundant rows.
 
     Raises:
-        AssemblyError: the sketch does not place a link; the joints cannot be closed; the start cannot be reached, leaves the position
-            undetermined or contradicts the constraints; a count differs from the table `expect`; or a spring has no direction.
+        AssemblyError: the sketch does not place a link; the joints cannot be closed; the start cannot be reached, leaves the
+            position undetermined or contradicts the joints; a count differs from the table `expect`; or a spring has no direction.
     """
     joints = joint_constraints(mechanism)
     held = list_held(mechanism, document["scenarios"][mechanism.scenario])

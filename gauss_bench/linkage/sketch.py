@@ -135,7 +135,7 @@ class _Placing:
             x, y = block - guide
             distance = float(np.hypot(x, y))
             if distance > abs(joint.offset):
-                # the axis passes the block at the distance `offset`: to the line of both points it has this arcsin as its angle
+                # the block lies beside the axis by `offset`: axis and line of both points enclose arcsin(offset / distance)
                 line = float(np.arctan2(y, x)) - float(np.arcsin(joint.offset / distance)) - joint.angle
                 return line if i == joint.guide.link else line + joint.turn
         return None

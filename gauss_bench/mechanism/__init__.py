@@ -1,1 +1,1 @@
-"""The mechanism: links, joints and forces as frozen data, its constraint rows and its energy, in absolute planar coordinates."""
+"""A mechanism as frozen data, with its constraint rows, forces and energy in absolute planar coordinates."""

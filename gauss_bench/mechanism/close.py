@@ -1,6 +1,6 @@
-"""Close a linkage by Gauss-Newton iteration: find the nearest position that satisfies its constraints.
+"""Close a linkage by Gauss-Newton iteration: find a near position that satisfies its constraints.
 
-Each correction is the shortest dq with J dq = -F; a caller may solve for it in its own way, with its own rank tolerance and units.
+Each correction is the shortest dq with J dq = -F; a caller may solve for dq in its own way, with its own rank tolerance and units.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from gauss_bench.terms import Array
 
 Residual = Callable[[Array], tuple[Array, Array]]  # q -> F, J
 
-RANK_TOLERANCE = 1e-9  # share of the largest singular value that is zero: far above rounding, far below transmission angles
+RANK_TOLERANCE = 1e-9  # singular values below this share of the largest are zero: far above rounding, far below usable linkages
 TINY = 1e-300  # keeps the division by the size of a zero correction finite
 
 
@@ -40,7 +40,7 @@ def project(
         residual: function of q that returns F (..., m) and J (..., m, n).
         shortest: function of J and F that returns the shortest vector x (..., n) with J x = F.
         stop_before: function of q, F and J, called before each correction; the iteration stops if it returns True.
-        stop_after: function of the corrected q and the largest entry (...) of the correction, called after it; as `stop_before`.
+        stop_after: function of the corrected q and the largest entry (...) of the correction; it also stops the iteration.
         longest: largest allowed entry of a correction; a longer correction is scaled down.
     """
     for count in range(corrections + 1):
@@ -49,7 +49,6 @@ def project(
             break
         step = shortest(J, F)
         size = np.abs(step).max(axis=-1, initial=0.0)
-        # a step with an entry above `longest` is scaled down
         q = q - (step if longest == np.inf else step * np.minimum(1.0, longest / np.maximum(size, TINY))[..., None])
         if stop_after(q, size):
             break

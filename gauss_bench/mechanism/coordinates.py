@@ -1,12 +1,12 @@
 """Scalar coordinates of a linkage, for numbers of any kind (floats, arrays, symbols); joints and forces are defined by them.
 
     Angle       x = theta_b - theta_a
-    Along       x = n . (p_b - p_a)     n a direction fixed in the body of a, or in a third one such as the ground
+    Along       x = n . (p_b - p_a)     n a direction fixed in the body of a, or in another body such as the ground
     Distance    x = |p_b - p_a|
     Slip        x' = n . p'             n turns with the body of p; there is no x (a knife edge keeps x' at zero)
 
-p = z + r is the place of a point, with z the centre of mass of its body, u = z', and the arm r from there to the point. The
-gradient G of a coordinate by the positions and angles of the bodies is stored as one `Entry` for each body. The bias is the part of
+p = z + r is the place of a point: z is the centre of mass of its body, u = z', and r the arm from z to p. The gradient G of a
+coordinate with respect to the positions and angles of the bodies is stored as one `Entry` for each body. The bias is the part of
 x'' without accelerations. With v and a the velocities and accelerations (n,) of all bodies,
 
     x' = G v,    x'' = G a + bias
@@ -34,7 +34,7 @@ from gauss_bench.trajectory import Trajectory
 
 
 class Entry(NamedTuple):
-    """The part n . z' + m omega of a coordinate's rate that belongs to one body; n is None if z' does not affect the coordinate."""
+    """The part n . z' + m omega of a coordinate's rate that belongs to one body; n is None if this part has no term in z'."""
 
     frame: Frame
     n: Vec | None
@@ -47,7 +47,7 @@ class Entry(NamedTuple):
 
 def total(terms: Sequence[Real]) -> Real:
     """Return the sum of numbers of any kind; 0.0 if there are none."""
-    return sum(terms[1:], start=terms[0]) if terms else 0.0  # no sum with 0, which would be one more operation of a program
+    return sum(terms[1:], start=terms[0]) if terms else 0.0  # no sum with 0, one more operation on arrays
 
 
 def _gap_entries(n: Vec, a: End, b: End) -> tuple[Entry, Entry]:
@@ -81,7 +81,7 @@ class AlongState:
 
     @cached_property
     def entries(self) -> tuple[Entry, ...]:
-        """The gradient of x; a third part belongs to the body in which n is fixed, unless it rests or is that of a."""
+        """The gradient of x; a third entry belongs to the body in which n is fixed, unless that body rests or carries a."""
         at_a, at_b = _gap_entries(self.n, self.a, self.b)
         if self.axes.rests:
             return at_a, at_b
@@ -242,7 +242,7 @@ State = AngleState | AlongState | DistanceState | WeightedState
 
 
 def state(coordinate: Coordinate, placement: Placement, prescribed: Real = None) -> State:
-    """Return a coordinate at a state; `prescribed` is the value that a constraint gives to a distance; it saves a square root."""
+    """Return a coordinate at a state; `prescribed`, the value that a constraint gives to a distance, saves a square root."""
     match coordinate:
         case Angle(a, b):
             return AngleState(placement.frame(a), placement.frame(b))
@@ -294,7 +294,7 @@ def strength(x: State, law: Law, arithmetic: Arithmetic) -> Real:
         F / x = -k + (k rest + bias) / x - c h' / x^2 + s / x^3,    h = x^2 / 2
 
     A spring without rest length and bias therefore needs no square root and, if undamped, no division, and passes through zero
-    length smoothly. Another spring reverses its force at zero length, and exerts none at exactly zero length.
+    length smoothly. Any other spring reverses its force at zero length, and has no force at exactly zero length.
     """
     sprung, damped, biased = not is_zero(law.k), not is_zero(law.c), not is_zero(law.bias)
     terms: list[Real] = []

@@ -7,7 +7,7 @@ coordinate x at the value c, a constant or a law of time, has
     phi = x - c,    J = dx/dq,    gamma = c'' - bias of x,    so that J a = gamma
 
 The order of the rows is: joints in the file's order, couplings, drivers, knife edges. `Symbols` evaluates the equations once with
-symbols in place of coordinates, and generates functions of q, v and the values of the motion laws from them.
+symbols in place of coordinates, and generates functions of t, q and v from them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +24,7 @@ from gauss_bench.mechanism.motion_laws import Motion, MotionLaw
 from gauss_bench.mechanism.spaces import Real, Vec, dot, slots, wedge
 from gauss_bench.terms import Array
 
-LEVELS = 3  # numbers that a motion law has at a time: value, first and second time derivative
+LEVELS = 3  # number of levels of a motion law: value, first and second time derivative
 
 
 class ConstraintPlacement(Placement):

@@ -52,9 +52,9 @@ class Constraints:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Record all rows with symbols; constant entries of J are stored, the function for others is generated when first used."""
+        """Record all rows with symbols; constant entries of J are stored; the function for all others is generated at first use."""
         self.mechanism, self.n = mechanism, mechanism.n
-        symbols = self.symbols = Symbols(mechanism.n)  # its `laws` get the motion law of each driver when the row is made
+        symbols = self.symbols = Symbols(mechanism.n)  # recording the row of a driver adds its law to `symbols.laws`
         rows, symbol = list(equations.rows(mechanism, symbols)), symbols.program.symbol
         self.m, self.laws = mechanism.m, symbols.laws
         self.holonomic = self.m - len(mechanism.knife_edges)
@@ -165,22 +165,22 @@ class Evaluator:
     def project(self, t: float, q: Array, v: Array, rank_tolerance: float = 1e-4) -> tuple[Array, Array]:
         """Return the state that satisfies the constraints at time t [s] and is nearest to the given state q, v (n,).
 
-        Gauss-Newton iteration corrects q, then one linear system corrects v.
+        Gauss-Newton iteration corrects q, then one linear system corrects v. A state that is not finite becomes NaN.
 
-        Singular values below `rank_tolerance` times the largest count as zero. Near a singular position, or if drift makes
-        redundant rows contradict each other, a correction along their directions would move the state far in directions in which
-        the linkage is free to move. A state that is not finite becomes NaN.
+        Singular values below `rank_tolerance` times the largest count as zero, because a correction is divided by them: near a
+        singular position, or if drift makes redundant rows contradict each other, it would move the state far in directions in
+        which the linkage is free to move.
         """
         holonomic = self.constraints.holonomic
         rows: Rows  # at the latest position; the correction of v uses them
 
         def residual(x: Array) -> tuple[Array, Array]:
-            nonlocal rows  # all rows, for the correction of v
+            nonlocal rows
             rows = self.constraints(t, x, v)
             return rows.phi[:holonomic], rows.J[:holonomic]
 
         def shortest(J: Array, F: Array) -> Array:
-            """Return the least-squares x (n,) of least norm of J x = F; NaN if it is not finite (LAPACK would print to stderr)."""
+            """Return the shortest least-squares solution x (n,) of J x = F; NaN for infinite J or F, as LAPACK would print to stderr."""
             if not (np.isfinite(J).all() and np.isfinite(F).all()):
                 return np.full(J.shape[1], np.nan)
             return minimum_norm(J, F, rank_tolerance)
@@ -191,5 +191,5 @@ class Evaluator:
 
 @lru_cache(maxsize=16)
 def evaluator_of(mechanism: Mechanism) -> Evaluator:
-    """Return the evaluator of a mechanism; the latest 16 are kept, because recording the equations takes milliseconds."""
+    """Return the evaluator of a mechanism; the 16 used last are cached, because recording the equations takes milliseconds."""
     return Evaluator(mechanism)

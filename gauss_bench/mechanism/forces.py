@@ -11,7 +11,7 @@ two links) carries and s_k the relative speed of the two links, the friction is 
     N = |(lambda_x, lambda_y)| of a pin,   N = |lambda_normal| of a slide
 
 mu_k is the coefficient of friction, r_k the radius of the pin, and speed_k the width of the regularisation. lambda is found by
-iteration, beginning without friction, which converges unless mu is so large that friction increases the loads that cause it.
+an iteration, which begins without friction, and converges unless mu is so large that load and friction increase each other.
 """
 
 from collections.abc import Callable
@@ -75,7 +75,7 @@ class AppliedForces:
         Only forces that vary need t.
 
         Raises:
-            TypeError: a force varies with time, and t is missing.
+            TypeError: a force varies, and t is missing.
         """
         (Q,) = self._steady_force(0.0, q, v)  # steady forces do not depend on the time, here 0
         for force in self.varying:
@@ -83,7 +83,7 @@ class AppliedForces:
         return Q
 
     def potential(self, q: Array) -> Array:
-        """Return the potential energy (...) [J] at q (..., n), also of torques and directions that are constant."""
+        """Return the potential energy (...) [J] at q (..., n), with that of constant torques and forces of constant direction."""
         potential, _ = self._energies(0.0, q, np.zeros_like(q))  # (..., 1), of all forces but gravity
         return np.asarray(potential[..., 0] - q @ self.gravity)
 
@@ -109,7 +109,7 @@ class _VaryingForce:
         if t is None:
             raise TypeError(f"force {self.name} varies with time, and no time is given")
         Q = self.steady.generalised(q, v)
-        speed = (Q * v).sum(-1) / self.size  # along the force: its power over its size
+        speed = (Q * v).sum(-1) / self.size  # along the force: power over magnitude
         return np.asarray(Q * self.factor(t, speed)[..., None])
 
 
@@ -134,7 +134,7 @@ class JointFriction:
 
     ITERATIONS = 200  # enough if each iteration reduces the error by a sixth; usual joints reduce it by nine tenths
     TOLERANCE = 1e-13  # last change of a multiplier, as a share of the largest one
-    STALLED = 1e-11  # the same for engines that solve for lambda anew in each iteration, with rounding times the condition of J
+    STALLED = 1e-11  # the same for engines that solve for lambda anew in each iteration, with an error that grows with cond(J)
 
     def __init__(self, mechanism: Mechanism):
         """Find the pairs with friction; generate the function for their relative speeds and the gradients of these."""
@@ -186,7 +186,7 @@ class JointFriction:
             Jammed: the iteration does not converge.
         """
         multipliers = base
-        with np.errstate(over="ignore", invalid="ignore"):  # an iteration that overflows has not settled either
+        with np.errstate(over="ignore", invalid="ignore"):  # an overflow never passes the test below
             for _ in range(self.ITERATIONS):
                 before = multipliers
                 multipliers = base + (gain @ self.loads(multipliers)[..., None])[..., 0]

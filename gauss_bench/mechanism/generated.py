@@ -1,9 +1,9 @@
-"""Generated equations: straight-line Python for floats or arrays that computes every common subexpression once.
+"""Generate straight-line Python code from equations; the code computes every common subexpression once.
 
 The equations are evaluated once, with symbols in place of numbers. Operations on symbols are recorded in order, equal operations
 only once, and simplified where they involve 0, 1 or constants. The result is the source text of one function without loops or
-indices, which works on floats and on arrays of states, in double precision or in types with more digits. For a single
-state, floats take a tenth of the time of arrays.
+indices, which works on floats and on arrays of states, in double precision or in types with more digits. For a single state,
+floats take a tenth of the time of arrays.
 """
 
 import math
@@ -18,7 +18,7 @@ from gauss_bench.terms import Array
 
 FEW = 20  # number of states below which a loop over floats is faster than arrays
 FUNCTIONS = ("sqrt", "sin", "cos", "tanh")
-Number = Any  # a float, or one of a longer type
+Number = Any  # a float, or a number of a longer type
 
 
 class Symbol:

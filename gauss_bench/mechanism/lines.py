@@ -29,7 +29,7 @@ def line_values(mechanism: Mechanism, t: float | Array) -> Array:
 
 
 def with_lines(mechanism: Mechanism, values: Array, t: float | Array) -> Array:
-    """Return the parameters (..., p) of a program at times (...) [s]: `values` (p,), with `line_values` as the last l."""
+    """Return the parameters (..., p) of a program at times (...) [s]: `values` (p,), whose last l `line_values` replaces."""
     lines = line_values(mechanism, t)  # (..., l)
     others = values[: len(values) - lines.shape[-1]]  # the parameters that do not depend on time
     return np.concatenate([np.broadcast_to(others, (*lines.shape[:-1], len(others))), lines], axis=-1)

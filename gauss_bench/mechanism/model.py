@@ -169,7 +169,7 @@ class Revolute:
     Attributes:
         ends_meet: whether the joint keeps its two ends at one place; the held coordinates are then the gap between them.
         parts: names of the held coordinates.
-        numbers: names of the fields that have the values of the first held coordinates; they can be parameters of programs.
+        numbers: names of the fields with the values of the first held coordinates; these values can be parameters of programs.
     """
 
     name: str
@@ -331,7 +331,7 @@ class PointForce:
         return (self,)
 
 
-Load = Law | PointForce  # every force is a sum of these two: terms, kernels and adapters support no other kind
+Load = Law | PointForce  # every force is a sum of such loads: terms, kernels and adapters support no other kind
 
 
 class Names(Protocol):
@@ -351,7 +351,7 @@ class Names(Protocol):
         """Return the kinematic pairs of a joint: the slide, or a pin between every two consecutive links in the joint's list."""
 
     def pairs_to_damp(self, joint: str, /) -> tuple[Joint, ...]:
-        """Return the pairs in which damping of a joint acts: all pairs of its links; in the first edition, neighbours only."""
+        """Return the pairs in which a joint is damped: of every two of its links; in the first edition, of consecutive links."""
 
     def pair(self, values: Any, /) -> Array:
         """Return two numbers of a table of the file as an array (2,)."""
@@ -388,7 +388,7 @@ class Torque:
 
 
 def _linear_numbers(table: Mapping[str, Any], names: Names) -> tuple[Any, Any, Any]:
-    """Return k, c and rest from the table of a spring and damper; 0 for a missing one."""
+    """Return k, c and rest from the table of a spring and damper; 0 for a missing number."""
     return names.number(table, "k"), names.number(table, "c"), names.number(table, "rest")
 
 
@@ -485,7 +485,7 @@ class JointDamping:
 
 @dataclass(frozen=True, eq=False)
 class CoulombFriction:
-    """Dry friction in every pair of a joint, proportional to the load of the pair; no `Force`, which depends on q, v and t alone.
+    """Dry friction in every pair of a joint, proportional to the load of the pair; no `Force`: those depend on q, v and t alone.
 
     Attributes:
         mu: coefficient of friction.
@@ -609,7 +609,7 @@ class RowName(NamedTuple):
 
     Attributes:
         owner: name of its joint, coupling, driver or knife edge.
-        part: name of the coordinate that a joint holds by it; empty if the owner is no joint.
+        part: name of the coordinate that this row of a joint holds; empty if the owner is no joint.
         place: index of the row among those of its owner.
     """
 
@@ -628,12 +628,12 @@ class Mechanism:
         links: bodies; welded links are one body.
         gravity: (2,) [m/s^2].
         crank: index of the input link, or None.
-        observed_points, observed_links: points, and indices of links by their angles, that results report.
+        observed_points, observed_links: points whose places, and indices of links whose angles results report.
         measured: coordinate by which motions are compared: that which the file names, else that of the first driver, else the
             crank's angle, else the first angle of a link or coordinate of a slide that can move.
         q0, v0: (n,) consistent start, read-only; empty before assembly.
         frictions: dry friction in joints; it depends on accelerations and is therefore not among the forces.
-        dof, redundant: n minus the rank of the joint rows at the start, and joint rows beyond that rank; -1 before assembly.
+        dof, redundant: n minus the rank of the joint rows at the start, and number of joint rows minus rank; -1 before assembly.
         parts: every link of the file with the body that carries it; empty if no links are welded.
         apart: the same linkage with its links unwelded, in which results are reported; None if no links are welded.
         warnings: sentences on positions that the linkage can reach and a motion should avoid.
@@ -704,7 +704,7 @@ class Mechanism:
 
     @property
     def drivable(self) -> dict[str, Prismatic]:
-        """Name -> joint, of the slides: a driver or the start of a scenario can prescribe their coordinates."""
+        """Name -> joint for the slides, whose coordinates a driver or the start of a scenario can prescribe."""
         return {joint.name: joint for joint in self.slides}
 
     @property
@@ -777,7 +777,7 @@ class Mechanism:
 
     @property
     def held_names(self) -> tuple[str, ...]:
-        """The name of the joint or coupling of each row that holds a coordinate; rows of drivers and knife edges follow them."""
+        """The name of the joint or coupling of each row that holds a coordinate; rows of drivers and knife edges follow."""
         return tuple(part.name for part in (*self.joints, *self.couplings) for _ in part.held)
 
     @property
@@ -798,7 +798,7 @@ class Mechanism:
 
     @property
     def whole(self) -> "Mechanism":
-        """The linkage with every link of the file as a body of its own, also if links are welded together."""
+        """The linkage with every link of the file as a body of its own, even if links are welded together."""
         return self.apart or self
 
     def find_body(self, name: str) -> tuple[int, Any]:

@@ -11,9 +11,9 @@ The time factor of a force is one of
     step:     0 before `start`, 1 from then on
     sine:     sin(2 pi frequency t + phase)
 
-It lists the times of its kinks and jumps, so that an integrator can restart there; between two of them it is a straight line, or a
-sine. The direction factor changes smoothly from `share`, if the point of application moves against the force, to 1, with w the
-speed along the force (its power divided by its magnitude), and `speed` the width of the transition:
+A `Factor` lists the times of its kinks and jumps, so that an integrator can restart there. The direction factor changes smoothly
+from `share`, where the point of application moves against the force, to 1, where it moves with the force. With the speed w along
+the force (power divided by magnitude), and the width `speed` of the transition, it is
 
     (1 + share) / 2 + (1 - share) / 2 tanh(w / speed)
 """
@@ -122,7 +122,7 @@ def table(start: Any, times: Array, angles: Array) -> MotionLaw:
 
 
 def _table(start: Any, times: Array, angles: Array, h: Array, d: Array, k: Array, t: Any) -> Motion:
-    """Return value, first and second derivative at t of the cubic on the piece that contains t; outside, it rests."""
+    """Return value, first and second derivative at t of the cubic on the piece that contains t; at rest outside."""
     inside, moving = clip(t, times[0], times[-1])
     piece = np.searchsorted(times.astype(float), np.asarray(inside, dtype=float), side="right") - 1
     j = np.minimum(piece, len(h) - 1)  # the last time belongs to the last piece

@@ -1,4 +1,4 @@
-"""Numbers of any precision: a linkage is built from the decimals of its file in the type in which it will be computed.
+"""Numbers of any precision: a linkage is built from the decimals of its file in the number type of the later computation.
 
 A `Number` is a function that converts decimal text to the type of the computation: float, numpy.longdouble, or a 128-bit type.
 This file has the operations that numpy would round to double.
