@@ -1,4 +1,4 @@
-"""Formulations: functions that return the `Solution` of `Terms` by a textbook's equations, with numpy and scipy, and no linkage.
+"""Formulations: functions that return the `Solution` of `Terms`, with numpy and scipy, and without any knowledge of linkages.
 
 The formulations in CONTROLS are wrong on purpose. The suite must detect that their results are wrong, and excludes them from all
 rankings.

@@ -151,7 +151,7 @@ def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
     """
     counts = []
     for gap, end in zip(np.diff(times), times[1:], strict=True):
-        count = max(1, int(np.ceil(gap / step * (1 - 1e-9))))  # a quotient just above an integer is that integer
+        count = max(1, int(np.ceil(gap / step * (1 - 1e-9))))  # a quotient just above an integer counts as that integer
         is_multiple = abs(gap - count * step) <= ROUNDING * end
         counts.append((count, step if is_multiple else float(gap) / count))
     return counts

@@ -37,7 +37,7 @@ SHORTEST = 2.0**-20  # shortest step as a share of the largest: a limit of motio
 STRAY = 0.5  # largest correction of a prediction: of points as a share of their predicted change, of angles in [rad]
 TOLERANCE = 1e-14  # largest residual, as a share of the largest coordinate: 50 times the rounding of a number
 RANK_TOLERANCE = 1e-4  # smallest ratio r of singular values: the error of positions is 1e-14 / r, that of rates 1e-14 / r^2 = 1e-6
-PROBE = 1e-3  # a failure is examined beyond it, at the distance of this share of the largest step: far above SHORTEST
+PROBE = 1e-3  # share of the largest step by which the inputs move on to examine a failure: far above SHORTEST
 
 Branch = Mapping[str, int]
 

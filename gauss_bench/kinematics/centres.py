@@ -1,7 +1,7 @@
-"""Find instant centres, at which two links have the same velocity, and ratios of velocities and of forces, of one free motion.
+"""Find instant centres, and ratios of velocities and forces, of a linkage with one free motion.
 
-Let the complex numbers z and u be the place and the velocity of the centre of mass of a link, and omega its angular speed. The
-instant centre c of two links a and b follows from
+Let the complex numbers z and u be the place and the velocity of the centre of mass of a link, and omega its angular speed. At the
+instant centre c of two links a and b, both have the same velocity:
 
     u_a + i omega_a (c - z_a) = u_b + i omega_b (c - z_b).
 

@@ -117,7 +117,7 @@ class Curve:
         return -x if along is not None and x @ along < 0 else x
 
     def orientation(self, q: Array, x: Array) -> float:
-        """Return the sign of det [J; x] with the unit tangent x (n,) at q, which changes at a fork; 0 for a matrix that is not square."""
+        """Return the sign of det [J; x] for the unit tangent x (n,) at q (n,), which changes at a fork; 0 if [J; x] has no det."""
         A = np.vstack([self.constraints.residual(q)[1], x])
         return float(np.linalg.slogdet(A)[0]) if A.shape[0] == A.shape[1] else 0.0
 

@@ -18,7 +18,7 @@ Pose = tuple[complex, float]
 NAMES = ("first", "second")  # connections of the coupler to the ground
 ORDER = ("first", "second", "third")  # poses
 LINE = 1e-9  # height of a triangle, in lengths of its longest side, below which its corners lie on a line
-FARTHEST = 100.0  # largest radius of the circle through the corners, in longest sides: beyond it, they almost lie on a line
+FARTHEST = 100.0  # largest radius of the circle through the corners, in lengths of the longest side: a larger one is almost a line
 SAME = 1e-6  # smallest distance of two different places, as a share of the lengths that they are compared with
 DEAD = 1e-6  # largest sine of the angle between coupler and output at a dead point, which belongs to both branches
 

@@ -138,7 +138,7 @@ class Resolver:
         return tuple(pair for pair in self.joints if pair.joint == joint)
 
     def pairs_to_damp(self, joint: str) -> tuple[model.Joint, ...]:
-        """Return the pairs in which a joint is damped: of every two of its links; in the first edition, of consecutive links."""
+        """Return the pairs in which a joint is damped: every two of its links or, in the first edition, consecutive links."""
         return model.pins_of_all_pairs(self.pairs(joint)) if self.format == SECOND else self.pairs(joint)
 
     def pair(self, values: Any) -> Array:
@@ -174,7 +174,7 @@ class Resolver:
         return 0 if self.index[owner] == model.GROUND else self.poses[owner].turn
 
     def build_joint(self, name: str, table: dict[str, Any]) -> list[model.Joint]:
-        """Return the kinematic pairs of one joint; a pin through m links has m - 1 pairs NAME, NAME.001, ... in their order."""
+        """Return the kinematic pairs of one joint; a pin through m links has m - 1 pairs NAME, NAME.001, ..."""
         if table["type"] == "prismatic":
             # the file gives the angles of the axis in the frames of links; here they are in those of the bodies
             angle = self.angle(table, "angle") + self.turn(table["guide"])
@@ -236,7 +236,7 @@ class Resolver:
         return self.choose_measured((driver,), None)
 
     def choose_measured(self, drivers: tuple[model.Driver, ...], crank: str | None) -> model.Measured:
-        """Return the coordinate that reports show by default: of the first driver, else the angle of the crank, or the first link.
+        """Return the coordinate that reports show by default: that of the first driver, else the angle of the crank or first link.
 
         Without drivers, crank or `measure`, `assemble` replaces the angle of the first link by the first coordinate that can move.
         """

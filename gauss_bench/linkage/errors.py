@@ -38,7 +38,7 @@ class BuildError(FaultError):
 
 
 class AssemblyError(FaultError):
-    """The linkage cannot be closed, or does not fit its start or its table `expect`."""
+    """The linkage cannot be closed, or its start or its table `expect` cannot be satisfied."""
 
 
 class NotPlaced(AssemblyError):

@@ -17,7 +17,7 @@ from gauss_bench.untrusted import DEEPEST, harmless, unprintable
 LONGEST_KEY = 200  # [characters]
 LONGEST_TEXT = 10_000  # [characters]
 CHAINED = 100  # largest number of points in a chain in which each is given relative to the next
-SHOWN = 50  # largest number of these faults in one error
+SHOWN = 50  # largest number of faults that `limit_faults` returns
 MOST = 5000  # largest number of entries of a table or list whose name has no limit of its own
 ENTRIES = 60_000  # largest number of entries of a file: the largest generated file, n_four_bar_400, has 17,000
 SQUARES = "beyond that, a sum with it or with its square loses all digits of the other numbers"  # reason in messages

@@ -1,4 +1,4 @@
-"""Load a linkage: read its file, apply a scenario, and return the assembled mechanism, or raise all faults."""
+"""Load a linkage: read its file, apply a scenario, and return the assembled mechanism; a `LinkageError` lists all faults."""
 
 import copy
 import hashlib

@@ -180,7 +180,7 @@ class Evaluator:
             return rows.phi[:holonomic], rows.J[:holonomic]
 
         def shortest(J: Array, F: Array) -> Array:
-            """Return the shortest least-squares solution x (n,) of J x = F; NaN for infinite J or F, as LAPACK would print to stderr."""
+            """Return the shortest least-squares x (n,) of J x = F; NaN if J or F is not finite, when LAPACK would print to stderr."""
             if not (np.isfinite(J).all() and np.isfinite(F).all()):
                 return np.full(J.shape[1], np.nan)
             return minimum_norm(J, F, rank_tolerance)

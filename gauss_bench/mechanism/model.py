@@ -351,7 +351,7 @@ class Names(Protocol):
         """Return the kinematic pairs of a joint: the slide, or a pin between every two consecutive links in the joint's list."""
 
     def pairs_to_damp(self, joint: str, /) -> tuple[Joint, ...]:
-        """Return the pairs in which a joint is damped: of every two of its links; in the first edition, of consecutive links."""
+        """Return the pairs in which a joint is damped: every two of its links or, in the first edition, consecutive links."""
 
     def pair(self, values: Any, /) -> Array:
         """Return two numbers of a table of the file as an array (2,)."""
