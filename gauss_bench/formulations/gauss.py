@@ -33,7 +33,7 @@ from scipy.linalg.lapack import dgels, dgeqp3, dorgqr, dpotrf, dtrtrs
 
 from gauss_bench.terms import Array, Solution, Terms
 
-RANK_TOLERANCE = 1e-10  # diagonal entries of R below this share of the largest are zero: rounding leaves 1e-15, usable ones 1e-2
+RANK_TOLERANCE = 1e-10  # smaller shares of R's largest diagonal entry are zero: rounding leaves 1e-15, usable linkages 1e-2
 UNEVEN = 1e6  # ratio of masses at which the error of a solution without refinement reaches 1e-10
 
 

@@ -80,7 +80,7 @@ def dop853_estimates() -> tuple[Array, Array]:
     """Return the weights (s,) of two error estimates: the differences from the embedded steps of order 5 and of order 3."""
     from scipy.integrate import DOP853
 
-    s = len(DOP853.B)  # scipy has one weight more, for the first stage of the next step; it is 0
+    s = len(DOP853.B)  # scipy has one more weight, 0, for the first stage of the next step
     return np.ascontiguousarray(DOP853.E5[:s]), np.ascontiguousarray(DOP853.E3[:s])
 
 

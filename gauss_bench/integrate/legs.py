@@ -4,7 +4,7 @@ If there is a kink inside a step of the size h, this step is taken in two parts 
 
     | h | h | a b | h | h |
 
-No part has a kink inside, so that steps keep their order of convergence, and samples keep their times.
+No part has a kink inside, so that the method keeps its order of convergence, and samples keep their times.
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,7 +44,7 @@ def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Ite
     for step, inside in _find_divided_steps(t0, h, n, kinks):
         yield from _yield_undivided(t0, h, done, step, every, n)
         done = step
-        if inside:  # one step in parts, each from kink to kink
+        if inside:  # the parts of a divided step, which end at its kinks
             ends = [t0 + step * h, *inside, t0 + (step + 1) * h]
             for k, (begin, end) in enumerate(pairwise(ends)):
                 last = k == len(inside)
@@ -86,5 +86,5 @@ def _yield_undivided(t0: float, h: float, begin: int, end: int, every: int, n: i
 
 
 def _count_samples(step: int, every: int, n: int) -> int:
-    """Return the number of samples taken during the first `step` of n steps: one every `every` steps, and one after step n."""
+    """Return the number of samples taken during the first `step` of n steps: after every `every` steps, and after step n."""
     return step // every + (step == n and n % every > 0)

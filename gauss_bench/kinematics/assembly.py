@@ -6,7 +6,7 @@ while all earlier loops stay closed. The vectors w through the links of the loop
 
     |g| = |sum w|,    d|g| / d|w| = (w / |w|) . g / |g|.
 
-A link that is parallel to the gap can therefore close it if its length changes by |g|; one at right angles to the gap cannot.
+A link that is parallel to the gap can therefore close it if its length changes by |g|; a link at right angles to the gap cannot.
 """
 
 from contextlib import suppress
@@ -158,7 +158,7 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
     a, b = chord.ends
     gap = position(q, b) - position(q, a)
     leaving = next(x for x in loop.paths if x.leave.pair == chord.name)  # the path that ends at the chord
-    # if it ends at the point a, the loop goes on from a to b, and its vectors add up to a - b = -gap
+    # if this path ends at the point a, the loop goes on from a to b, and the vectors of the loop add up to a - b = -gap
     sense = -1.0 if leaving.link == a.link else 1.0
     pins = {x.name: x.ends for x in mechanism.joints if x.ends_meet}
     for path in loop.paths:

@@ -1,6 +1,6 @@
 """Compare how three root finders converge from random starts at different distances from the right assembly.
 
-Men, Feng, He (2009) start a search from the assembly as drawn or from the previous position, and call it insensitive to its start.
+Men, Feng, He (2009) start a search from the assembly as drawn or from the previous position, and call it insensitive to the start.
 From starts as near as these, every root finder finds the right assembly. From starts anywhere within the size of the linkage, each
 root finder sometimes misses it.
 """

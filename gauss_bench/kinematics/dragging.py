@@ -172,7 +172,7 @@ class Drag:
         return Dragged(self.q, False, apart, why)
 
     def is_at_limit(self) -> bool:
-        """Tell whether the point can move in fewer directions than at the beginning: it is at the end of its path or area."""
+        """Tell whether the point can move in fewer directions than at the beginning: it is then at the end of its path or area."""
         return self._count_directions() < self.directions
 
     def _count_directions(self) -> int:

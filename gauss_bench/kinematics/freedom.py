@@ -75,7 +75,7 @@ class Freedom:
             return not CLOSED * self.size < largest(phi) < np.inf
 
         def shortest(J: Array, phi: Array) -> Array:
-            """Return the correction of q, which is the shortest one in scaled coordinates."""
+            """Return the correction of q that is shortest in scaled coordinates."""
             return np.asarray(split_by_rank(J)[0] @ phi / self.scale)
 
         def is_still(_: Array, size: Array) -> bool:

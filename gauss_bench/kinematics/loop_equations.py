@@ -208,7 +208,7 @@ class LoopEquations:
         """
         unknowns = len(self.unknown)
         residual = self.with_inputs(x[unknowns:])
-        count, last = 0, np.inf  # number of Newton steps, size of the last one
+        count, last = 0, np.inf  # number of Newton steps, size of the last step
 
         def has_settled(_: Array, size: Array) -> bool:
             nonlocal count, last
@@ -223,7 +223,7 @@ class LoopEquations:
         return np.concatenate([phi, x[unknowns:]]), J, count
 
     def check_rank(self, J: Array, tolerance: float) -> None:
-        """Check that every singular value of J (2L, TU) is above `tolerance` times the largest one.
+        """Check that every singular value of J (2L, TU) is above `tolerance` times the largest.
 
         Raises:
             Stopped: J has lost rank, or has fewer rows than columns.

@@ -92,7 +92,7 @@ def bar_equation(p: Points, name: str) -> Equation:
 class PointModel:
     """The points of a mechanism, whose drivers are the i inputs, and the m equations between the points.
 
-    p (2 u,) has the coordinates of the u unknown points [m], x and y of one point after the other. m is 2 u, or larger if the
+    p (2 u,) has the coordinates of the u unknown points [m], x and y of each point in turn. m is 2 u, or larger if the
     linkage has redundant constraints.
 
     Attributes:

@@ -185,7 +185,7 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
                     own_value, input_value = (float(value(x.coordinate, reversal)) for x in (c, driving))
                     positions.append(Singular(c.name, kind, own_value, input_value, driving, reversal))
             rates[k] = rate
-        # the curve is closed where it comes back to its start in the same sense; the first steps are still near the start
+        # the curve is closed where it comes back to its start in the same direction; the first steps are still near the start
         if count > 2 and _distance(q, mechanism.q0) < 0.75 * STEP and tangent @ first_tangent > 0:
             break
     return positions

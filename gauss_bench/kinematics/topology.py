@@ -9,7 +9,7 @@ included) has n - 1 of the p pairs. Each of the other
 pairs closes one loop with the path through the tree. The tree is the breadth-first tree from the frame, which keeps the loops
 short.
 
-Source: Wang et al. (2010), sections 2.2 and 3.1. The paper does not say how loops are chosen; those of its examples are of the
+Source: Wang et al. (2010), sections 2.2 and 3.1. The paper does not say how loops are chosen; its examples have the loops of the
 breadth-first tree.
 """
 
@@ -48,7 +48,7 @@ class Pair:
 class Loop:
     """A loop: its paths through its links, in cyclic order.
 
-    The first link is the one nearest to the frame; the loop leaves it by that of its two pairs that is earlier in the file.
+    The first link is the one nearest to the frame; the loop leaves it by the pair that comes first in the file.
     """
 
     paths: tuple[LinkPath, ...]
@@ -169,7 +169,7 @@ def _make_loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair], unturned: Set
     path = nx.shortest_path(tree, *chord.links)
     breadth_first = list(tree)
     top = min(range(len(path)), key=lambda k: breadth_first.index(path[k]))  # the link nearest to the frame
-    links = path[top::-1] + path[:top:-1]  # from there to one end of the chord, and from its other end back
+    links = path[top::-1] + path[:top:-1]  # from there to one end of the chord, and from the other end back
     # crossed[k] is the pair between links[k] and the next link, cyclically
     crossed = [tree[a][b]["pair"] if tree.has_edge(a, b) else chord for a, b in pairwise([*links, links[0]])]
     crossed[top] = chord  # even where the two links of the chord share an edge of the tree

@@ -32,7 +32,7 @@ NEARLY = 1e-9  # [m, rad] largest last step of an intermediate closure: converge
 FAR, ROUNDING = 100.0, 4e-16  # coordinates of FAR [m, rad] or more converge to a step of ROUNDING times the largest of them
 LONGEST = 0.5  # [m, rad] longest step of Gauss-Newton
 STEP = np.radians(5.0)  # [rad, m] largest change of a held coordinate between two closures
-PATIENCE = 1500  # number of evaluated residuals after which intermediate closures are skipped if the last one failed
+PATIENCE = 1500  # number of evaluated residuals after which intermediate closures are skipped if the last closure failed
 MOST_STEPS = 720  # largest number of steps to a target (ten turns): for a longer way, whole turns come first, or steps are longer
 
 

@@ -56,7 +56,7 @@ def _content(x: Any) -> Iterator[bytes]:
             yield repr(x).encode()
         case np.ndarray() | np.generic() if x.dtype != object:
             yield f"{x.dtype} {x.shape}".encode() + x.tobytes()
-        case MotionLaw():  # its function follows from its name and numbers
+        case MotionLaw():  # name and numbers determine the function of a law
             yield from _content((x.name, x.numbers))
         case Mapping():
             yield from _content([*x.items()])

@@ -64,7 +64,7 @@ def load(name_or_path: str | Path, scenario: str | None = None) -> Mechanism:
     """
     document, digest, path = document_of(name_or_path)
     key = str(path), digest, scenario
-    # the cache drops the linkage that was not used for the longest time: pop and insert move this one to the end
+    # the cache drops the linkage that was not used for the longest time: pop and insert move the present one to the end
     mechanism = _cache.pop(key, None) or load_document(document, scenario, str(path), digest, path.stem)
     if len(_cache) >= CACHED:
         del _cache[next(iter(_cache))]

@@ -86,7 +86,7 @@ class _Placing:
                 known.setdefault(mine.name.partition(".")[2], self.world(other))
         if not known:
             return False
-        first = next(iter(known))  # the sketch is rough: this point is met exactly, a second one only in direction
+        first = next(iter(known))  # the sketch is rough: this point is met exactly, a second point only gives the direction
         angle = self._angle(i, first, known)
         if angle is None:
             return False

@@ -64,7 +64,7 @@ class Row:
 def rows(mechanism: Mechanism, placement: ConstraintPlacement, on_constraints: bool = False) -> Iterator[Row]:
     """Yield the constraint rows at the state `placement`: those of joints, couplings, drivers, knife edges, in this order.
 
-    With `on_constraints`, the state must satisfy the constraints; a distance that one prescribes then needs no square root.
+    With `on_constraints`, the state must satisfy the constraints: a distance that a constraint prescribes needs no square root.
     """
     for joint in (*mechanism.joints, *mechanism.couplings):
         held: tuple[tuple[Coordinate, float], ...] = joint.held

@@ -18,7 +18,7 @@ from gauss_bench.mechanism.generated import Symbol
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms, largest
 
-CORRECTIONS = 6  # largest number of Gauss-Newton corrections: after an integration step of 1e-3 s one is needed, of 1e-2 s three
+CORRECTIONS = 6  # largest number of Gauss-Newton corrections: one is needed after an integration step of 1e-3 s, three after 1e-2 s
 ROUNDING = 1e-15  # relative residual of a closed position
 RECORDING = Lock()  # a program is recorded by one thread at a time
 
@@ -52,7 +52,7 @@ class Constraints:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Record all rows with symbols; constant entries of J are stored; the function for all others is generated at first use."""
+        """Record all rows with symbols, and store constant entries of J; the function for all others is generated at first use."""
         self.mechanism, self.n = mechanism, mechanism.n
         symbols = self.symbols = Symbols(mechanism.n)  # recording the row of a driver adds its law to `symbols.laws`
         rows, symbol = list(equations.rows(mechanism, symbols)), symbols.program.symbol
@@ -180,7 +180,7 @@ class Evaluator:
             return rows.phi[:holonomic], rows.J[:holonomic]
 
         def shortest(J: Array, F: Array) -> Array:
-            """Return the shortest least-squares x (n,) of J x = F; NaN if J or F is not finite, when LAPACK would print to stderr."""
+            """Return the shortest least-squares x (n,) of J x = F; NaN if J or F is not finite (LAPACK would print an error)."""
             if not (np.isfinite(J).all() and np.isfinite(F).all()):
                 return np.full(J.shape[1], np.nan)
             return minimum_norm(J, F, rank_tolerance)

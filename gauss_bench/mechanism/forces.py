@@ -100,7 +100,7 @@ class _VaryingForce:
         """Make the force without its factor the only force of a copy of the mechanism, without gravity."""
         steady = replace(force, factor=None)
         self.name, self.factor = force.name, factor
-        # magnitude [N or N m] of the steady force, by which its power is divided; 1 instead of 0
+        # magnitude [N or N m] of the steady force, by which the power is divided; 1 if it is 0
         self.size = float(np.linalg.norm(np.atleast_1d(steady.value).astype(float))) or 1.0
         self.steady = AppliedForces(replace(mechanism, forces=(steady,), gravity=0.0 * mechanism.gravity))
 

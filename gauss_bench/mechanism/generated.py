@@ -203,7 +203,7 @@ class GeneratedFunction:
         return results
 
     def _state_by_state(self, shape: tuple[int, ...], inputs: Sequence[Array]) -> list[Array]:
-        """Return the result of `__call__`, computed with floats for one state of the batch after the other."""
+        """Return the result of `__call__`, computed with floats for each state of the batch in turn."""
         if not shape:
             return [np.array(group) for group in self._of_floats(*(x.tolist() for x in inputs))]
         count = math.prod(shape)

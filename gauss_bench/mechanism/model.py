@@ -520,7 +520,7 @@ def factor_of(force: Force) -> Factor | None:
 
 
 class UnsupportedForce(TypeError):
-    """A force of a kind that has no loads, or a force that varies where only steady ones are supported."""
+    """A force of a kind that has no loads, or a force that varies where only steady forces are supported."""
 
 
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:

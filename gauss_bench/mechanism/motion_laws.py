@@ -1,8 +1,8 @@
 """Functions of time: laws of a prescribed motion, and factors of forces that vary.
 
 A law gives a value and its first and second time derivatives, in the number type of its parameters and of t. The families are those
-of cam mechanisms (Wang et al., 2010): constant speed, sine (cycloidal) and cosine acceleration, 3-4-5 polynomial, table. A law with
-an end keeps its first value before its beginning and its last value after its end.
+of cam mechanisms (Wang et al., 2010): constant speed, sine (cycloidal) and cosine acceleration, 3-4-5 polynomial, table. A law that
+ends keeps its first value before the beginning and its last value after the end.
 
 The time factor of a force is one of
 
