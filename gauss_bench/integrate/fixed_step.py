@@ -68,7 +68,7 @@ def tableau(name: str) -> Tableau:
 @cache
 def dop853_tableau() -> Tableau:
     """Return scipy's coefficients of DOP853: nodes (s,), rows of A (row k has k entries), and weights (s,)."""
-    from scipy.integrate import DOP853  # imported here because it takes longer than most runs
+    from scipy.integrate import DOP853  # its import takes longer than most runs
 
     weights = np.ascontiguousarray(DOP853.B)
     rows = [np.ascontiguousarray(row[:k]) for k, row in enumerate(DOP853.A[: len(weights)])]
@@ -188,7 +188,7 @@ def equal_runs(times: Array, step: float) -> list[EqualSteps]:
 
 
 class Stretch(NamedTuple):
-    """Consecutive equal steps up to a sample or a kink; no force and no motion law has a kink or jumps during the steps.
+    """Consecutive equal steps up to a sample or a kink; no force has a kink or jumps during the steps.
 
     Attributes:
         begin: start time of the first step [s].

@@ -37,7 +37,7 @@ NEAR = 1e-13  # distance from the target that is only rounding
 RESTING = 1e-8  # a smaller step is the last: the next step, of the order of its square, would be rounding
 REACHED = 1e-10  # distance at which the point counts as being at its target
 FLAT = 1e-9  # share of the largest curvature below which a curvature counts as zero
-MARGIN = 1e-3  # smallest |det P|: an arm stops about one degree before it is stretched, 1e-4 of its length short
+MARGIN = 1e-3  # smallest |det P|: it is reached about one degree, or 1e-4 of its length, before an arm is stretched
 # smallest displacement of the point in a direction in which it can move, as a share of the linkage's displacement; above MARGIN
 STANDING = 5e-3
 

@@ -10,7 +10,7 @@ from gauss_bench.terms import Array
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """The states at k times.
+    """The states of a linkage at k times.
 
     Attributes:
         q, v, a: (k, n) absolute positions, velocities, accelerations as in Mechanism; angles are continuous from q0 on.

@@ -48,7 +48,7 @@ class Pair:
 class Loop:
     """A loop: its paths through its links, in cyclic order.
 
-    The first link is the one nearest to the frame; the loop leaves it by the pair that comes first in the file.
+    The first link is the one nearest to the frame; the loop leaves it by the earlier of its two pairs in the file.
     """
 
     paths: tuple[LinkPath, ...]

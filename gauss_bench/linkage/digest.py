@@ -17,7 +17,7 @@ NO_EFFECT = {"title", "scenarios", "source", "sha256", "digest", "warnings", "ap
 
 
 def source_digest(*folders: str, without: Collection[str] = ()) -> str:
-    """Return the SHA-256 of the names and contents of all files in folders of the package ("": all), or of single files.
+    """Return the SHA-256 of the names and contents of files of the package, and of all files in its folders ("": the package).
 
     `without` has the names to leave out: of folders directly in the package, and of files in any folder.
 

@@ -244,7 +244,7 @@ def _faults_without_overrides(document: dict[str, Any], stem: str | None) -> lis
 
 
 def override_faults(document: dict[str, Any], override: dict[str, Any], path: str, fixed: Collection[str] = FIXED) -> list[Fault]:
-    """Return the faults of the paths in an override at `path`: tables that do not exist, and `fixed` keys."""
+    """Return the faults of the paths in an override at `path`: tables that do not exist, and keys in `fixed`."""
     faults = []
     for key, value in override.items():
         inner = f"{path}.{key}"

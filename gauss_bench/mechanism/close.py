@@ -1,4 +1,4 @@
-"""Close a linkage by Gauss-Newton iteration: find a near position that satisfies its constraints.
+"""Close a linkage by Gauss-Newton iteration: find a nearby position that satisfies its constraints.
 
 Each correction is the shortest dq with J dq = -F; a caller may solve for dq in its own way, with its own rank tolerance and units.
 """

@@ -47,7 +47,7 @@ class Entry(NamedTuple):
 
 def total(terms: Sequence[Real]) -> Real:
     """Return the sum of numbers of any kind; 0.0 if there are none."""
-    return sum(terms[1:], start=terms[0]) if terms else 0.0  # without the start 0, whose sum is one more operation on arrays
+    return sum(terms[1:], start=terms[0]) if terms else 0.0  # the start 0 would be one more operation on arrays
 
 
 def _gap_entries(n: Vec, a: End, b: End) -> tuple[Entry, Entry]:

@@ -485,7 +485,7 @@ class JointDamping:
 
 @dataclass(frozen=True, eq=False)
 class CoulombFriction:
-    """Dry friction in every pair of a joint, proportional to the load of the pair; no `Force`: those depend on q, v and t alone.
+    """Dry friction in every pair of a joint, proportional to the load of the pair; not a `Force`, which depends on q, v, t alone.
 
     Attributes:
         mu: coefficient of friction.
