@@ -1,9 +1,9 @@
 """All engines by name: the suite's formulations, adapters to foreign libraries, plug-ins, and engines of other environments.
 
 The module of an adapter is imported when the engine is first used. Libraries that cannot be installed with those of other engines
-run in Python environments of their own, with Python >= 3.11 and numpy >= 2, but not necessarily this package. The engines that
-`gauss-bench engines install` has installed are found by the folders of their environments. The user's file of engines lists others,
-one table for each engine:
+run in Python environments of their own, which need Python >= 3.11 and numpy >= 2, but not this package. Engines that `gauss-bench
+engines install` has installed are found by the folders of their environments. The user's file of engines lists further engines, one
+table for each:
 
     [heun]
     class = "my_engine:Heun"                     # MODULE:CLASS of the adapter; engines of ELSEWHERE do not need it
@@ -123,7 +123,7 @@ def get(name: str) -> Engine:
 
     Raises:
         UnknownEngine: no engine has that name.
-        ImportError: the engine's adapter cannot be imported; its library is imported only when it builds a model.
+        ImportError: the adapter cannot be imported; the library is not needed before the adapter builds a model.
     """
     if name in (*OWN, *COMPILED):
         return resolve_name(OWN_CLASS if name in OWN else COMPILED_CLASS)(name)  # type: ignore[no-any-return]
@@ -185,7 +185,7 @@ def home() -> Path:
 def _user_folder(variable: str, default: str) -> Path:
     """Return this package's folder in the folder that an environment variable of the XDG specification names.
 
-    Without an absolute path in the variable, it is in the folder `default` of the user's home.
+    If the variable holds no absolute path, the folder `default` of the user's home is taken instead.
     """
     chosen = os.environ.get(variable, "")
     return (Path(chosen) if os.path.isabs(chosen) else Path.home() / default) / "gauss-bench"
@@ -202,7 +202,7 @@ def is_ours(folder: Path) -> bool:
 
 
 def read_environments() -> dict[str, Environment]:
-    """Return name of an engine -> environment, for the user's file of engines, and then for the other installed engines.
+    """Return name of an engine -> environment: first the engines of the user's file, then the other installed engines.
 
     Raises:
         EnvironmentFault: the file has a fault.
@@ -223,7 +223,7 @@ def read_environments() -> dict[str, Environment]:
 
 
 def _is_removed(environment: Environment) -> bool:
-    """Tell whether gauss-bench installed an engine and removed it; the user's file may still have a table of it."""
+    """Tell whether a table of the user's file names an environment of gauss-bench whose folder is missing."""
     folder = home() / environment.engine
     return environment.engine in ELSEWHERE and environment.python == str(interpreter_in(folder)) and not folder.exists()
 
@@ -244,7 +244,7 @@ def _read_table(path: Path, name: str, table: Any) -> Environment:
         check(has_type, f"{name}.{key}", "must be a number" if key == "memory" else "must be a text")
     class_name = table.get("class", ELSEWHERE.get(name, ""))
     check(is_class(class_name), f"{name}.class", "must be MODULE:CLASS")
-    installed = str(interpreter_in(home() / name)) if name in ELSEWHERE else ""  # the default
+    installed = str(interpreter_in(home() / name)) if name in ELSEWHERE else ""  # default of `python`
     python = os.path.expanduser(table.get("python", installed))
     check(os.path.isabs(python) and "\0" not in python, f"{name}.python", "must be the absolute path of an interpreter")
     memory = float(table.get("memory", 0.0))
