@@ -33,7 +33,7 @@ FOREIGN = {
 DERIVED = {  # further equations of this suite, compiled; like libraries, they can model only some linkages
     "minimal": "gauss_bench.engines.minimal.adapter:Minimal",
 }
-RIVALS = {  # only for searches and for users who name them: suites leave out what needs a C compiler or fits few linkages
+RIVALS = {  # only for searches and for users who name them: suites leave out engines that need a C compiler or model few linkages
     "by_hand": "gauss_bench.engines.by_hand.adapter:ByHand",
     "pinocchio_casadi": "gauss_bench.engines.pinocchio.symbolic:PinocchioCasadi",
 }
@@ -51,7 +51,7 @@ OWN_CLASS, COMPILED_CLASS = "gauss_bench.engines.interpreted:Interpreted", "gaus
 SAFE = (*OWN, *COMPILED, *DERIVED, *FOREIGN, *RIVALS)  # the import of these adapters imports no foreign library
 AUTHORED = (*OWN, *COMPILED, *DERIVED, "by_hand")  # written by the suite's authors: a comparison with others must say so
 
-EXTRAS = {  # library -> the extra of the package that brings it
+EXTRAS = {  # library -> the extra of this package that installs it
     "pinocchio": "pinocchio",
     "exudyn": "exudyn",
     "mujoco": "mujoco",
@@ -127,7 +127,7 @@ def get(name: str) -> Engine:
     """
     if name in (*OWN, *COMPILED):
         return resolve_name(OWN_CLASS if name in OWN else COMPILED_CLASS)(name)  # type: ignore[no-any-return]
-    environment = environment_of(name)  # its class can be imported only by a process of that environment
+    environment = environment_of(name)  # only a process of this environment can import its class
     class_name = environment.class_name if environment else {**DERIVED, **FOREIGN, **RIVALS}.get(name)
     if class_name or is_class(name):
         return resolve_name(class_name or name)()  # type: ignore[no-any-return]
@@ -156,7 +156,7 @@ class MissingExtra(BadInput, ImportError):
 
 
 def not_installed(error: ImportError) -> str:
-    """Return a sentence that names the missing module, and the command that installs it if an extra of this package does."""
+    """Return a sentence that names the missing module and, if an extra of this package has it, the command that installs it."""
     if isinstance(error, MissingExtra):
         return str(error)
     library = (error.name or "").partition(".")[0]

@@ -18,7 +18,7 @@ GRAVITY = -9.81  # [m/s^2] along y
 
 @dataclass(frozen=True)
 class Bar:
-    """A bar that hangs on a parent by its first pin.
+    """A bar whose first pin joins it to a parent.
 
     Attributes:
         name: name of the bar; "twin" for the second of the two equal bars that make up a rod.

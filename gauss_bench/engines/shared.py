@@ -95,7 +95,7 @@ def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
 
 
 def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
-    """List, for each driver of an angle or slide, the index of its tree coordinate; None if its angle is a sum of several."""
+    """List, for each driver of an angle or slide, the index of the driven tree coordinate; None for a sum of several."""
     # the angle of a link is a tree coordinate only if a hinge joins the link to the ground
     hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
     slides = slide_indices(tree)

@@ -91,7 +91,7 @@ class Tree:
 
     Attributes:
         branches: in depth-first order, so that a parent comes before its children.
-        closures: the joints that are not in the tree; they close its loops.
+        closures: the joints that are not in the tree and close loops.
         n: number of tree coordinates.
     """
 
@@ -256,7 +256,7 @@ def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
 
 def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]:
     """Return the joints, in order, without those that close a loop with earlier ones (Kruskal's algorithm)."""
-    group = {i: i for i in range(GROUND, len(mechanism.links))}  # link -> number of its group of links connected so far
+    group = {i: i for i in range(GROUND, len(mechanism.links))}  # link -> number of its group; joints connect the links of a group
     chosen = []
     for joint in joints:
         a, b = (group[i] for i in ends(joint))

@@ -100,7 +100,7 @@ def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree,
     """Return the forces that act only along slides of the tree, as constant forces on the slides' coordinates.
 
     Such a force acts on the link of a slide's branch, here called the block. If the parent, here called the guide, moves, another
-    force in `forces` must be the reaction on it. All other forces are left out.
+    force in `forces` must be the reaction on the guide. All other forces are left out.
     """
     motors: list[Steady] = []
     done: set[str] = set()  # names of the forces that are already part of a motor

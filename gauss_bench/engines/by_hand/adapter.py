@@ -79,7 +79,7 @@ class ByHandModel(CompiledSteps):
         self._verify()
 
     def _verify(self) -> None:
-        """Compare the equations derived by hand with the suite's, at the start and at crank angles CHECKED [rad] away from it.
+        """Compare the equations derived by hand with the suite's, at the start and at crank angles CHECKED [rad] from the start.
 
         Each entry of `pairs` is (value, expected value, scale of the difference). The crank speeds 1 and -10 rad/s are arbitrary.
         """

@@ -149,7 +149,7 @@ class MinimalModel:
         self.sampled, self.start_angles = manifold_states(mechanism, STATES), angles(mechanism.q0)
         links = Links.of(self.sampled.q, self.sampled.v)
         openings = [sequence.openings(links) for sequence in self.sequences]  # (states, dyads) of each sequence
-        # Openings of RRR and RRP are sines and cosines. That of RPR is a length, which is divided by its largest value.
+        # Openings of RRR and RRP are sines and cosines. Those of RPR are lengths, and are divided by their largest value.
         self.scales = [
             np.where([dyad.opening_is_length for dyad in sequence.dyads], np.abs(opening).max(axis=0), 1.0)
             for sequence, opening in zip(self.sequences, openings, strict=True)

@@ -236,7 +236,7 @@ class _Motion:
             return Body(Vec(graph.cos(q), graph.sin(q)), omega=self.one, alpha=self.zero, at=sequence.moved.local, place=pin)
         if joint.guide.link == GROUND:
             turn, along = joint.turn, _unit(graph, joint.angle)
-        else:  # the guide moves, in the direction opposite to that of the block in it
+        else:  # the guide moves opposite to the motion of the block relative to the guide
             turn = -joint.turn
             along = _unit(graph, joint.angle + turn) * -1.0
         position = _constant(graph, *sequence.fixed.local) + along * q + cross(joint.offset, along)
@@ -300,8 +300,8 @@ class _Motion:
 
             B = A + x u + y n = R + s u + height n
 
-        The components along n of the derivatives of this equation give omega and alpha of the rod, and the component along u of the
-        first one gives `slip` = s'. `base` = R - A has the fields p, d and b: its value and its first and second derivative by q.
+        The first and second derivative of this equation, along n, give omega and alpha of the rod; the first derivative along u
+        gives `slip` = s'. `base` = R - A has the fields p, d and b: its value and its first and second derivative by q.
         """
         guide, A, R = self.bodies[dyad.line.link], self.at(dyad.first.other), self.at(dyad.line)
         u = _product(guide.e, _unit(self.graph, dyad.angle))
@@ -332,7 +332,7 @@ class _Motion:
 
             A - C = (x + i height) u,    (A - C)' = (x' - omega height) u + omega x n
 
-        The components of the first derivative along n and u give omega and `slip` = x', and that of the second along n gives alpha.
+        The first derivative, along n and along u, gives omega and `slip` = x'; the second derivative along n gives alpha.
         `base` = A - C has the fields p, d and b: its value and its first and second derivative by q.
         """
         C, A = self.at(dyad.first.other), self.at(dyad.second.other)

@@ -113,7 +113,7 @@ class Dyad:
         line: a point on the line of the slide, fixed in the link that carries this line; in an RRR dyad, the point B.
         angle: direction [rad] of the line in the frame of the link that carries it.
         height: distance [m] of B from the line (RRP), or of A from the parallel line through C (RPR), positive to the left.
-        turn: constant angle [rad] of the second link minus that of the link that carries the line.
+        turn: constant angle [rad] of the second link relative to the link that carries the line.
     """
 
     kind: str
@@ -197,7 +197,7 @@ class DyadSequence:
 
 
 def find_sequences(mechanism: Mechanism) -> tuple[DyadSequence, ...]:
-    """Return a sequence of dyads for each input link from which dyads reach all other links, that of the crank first.
+    """Return a sequence of dyads for each input link from which dyads reach all other links, beginning with the crank.
 
     Raises:
         NoSequence: there is none, or an equation in one coordinate does not cover the linkage's forces or constraints.

@@ -33,7 +33,7 @@ class Draft:
         root: the document, with the elements `option`, `closures`, `tendons` and `actuators`.
         bodies: link -> element of its body.
         joints: index of a tree coordinate -> element of its joint.
-        torque: (n,) sum of all constant forces on tree coordinates, which MuJoCo takes from its data (qfrc_applied).
+        torque: (n,) sum of all constant forces on tree coordinates, for the field qfrc_applied of MuJoCo's data.
         steady: the constant forces on tree coordinates whose sum is `torque`.
         pushes: constant forces at points, each with its actuator.
         controls: name of a motor -> the motor's control (force); empty until `add_motors` is called.
