@@ -22,7 +22,7 @@ class Bar:
 
     Attributes:
         name: name of the bar; "twin" for the second of the two equal bars that make up a rod.
-        parent: index of the parent, which the list of bars has before its children; -1 for the ground.
+        parent: index of the parent, which precedes its children in the list of bars; -1 for the ground.
         at: position of the first pin [m] along the parent, or along the ground's x axis.
         length, centre: distances [m] from the first pin to the end and to the centre of mass.
         mass: [kg]; inertia: [kg m^2] about the centre of mass.
@@ -55,7 +55,7 @@ THREE_CRANKS = (  # a beam on three equal cranks, of which one is redundant, and
     Bar("pendulum", 2, 1.0, 1.0, 0.5, 1.0, 0.1),
     Bar("right", -1, 2.0, 1.0, 0.5, 1.0, 0.1),
 )
-RATIO, CURVE = -0.5, 0.2  # in a coupled CHAIN, the angle between both bars is RATIO x + CURVE x^2, with x the first bar's angle
+RATIO, CURVE = -0.5, 0.2  # in a coupled CHAIN, the angle between the bars is RATIO x + CURVE x^2, with x the first bar's angle
 
 
 def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array, bars: Sequence[Bar]) -> Array:

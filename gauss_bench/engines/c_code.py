@@ -102,7 +102,7 @@ def _load_library(source: str) -> ctypes.CDLL:
         text, compiled, linked = f"{folder}/engine.c", f"{folder}/engine.o", f"{folder}/engine.so"
         Path(text).write_text(source)
         compiling = [program, *FLAGS, "-c", text, "-o", compiled]
-        # without -ffast-math, with which a loaded library would make the whole process flush denormal numbers to zero
+        # not linked with -ffast-math, because loading such a library makes the whole process flush denormal numbers to zero
         linking = [program, "-shared", compiled, "-o", linked, "-lm"]
         for command in (compiling, linking):
             done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False)

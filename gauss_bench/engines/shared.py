@@ -35,7 +35,7 @@ from gauss_bench.trajectory import with_accelerations as with_accelerations
 # [rad, m] for each tree state, the largest difference of a coordinate from the start. Rates differ by up to 10 times this number
 # [rad/s, m/s], so that errors of velocity terms show.
 SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)
-PARALLEL = 1e-12  # largest sine of the angle between parallel axes: sums of angles in different orders differ by rounding
+PARALLEL = 1e-12  # largest sine of the angle between axes that count as parallel: sums of angles differ by rounding
 End = TypeVar("End")
 
 

@@ -23,7 +23,7 @@ class Equations:
     """Expressions of M a + J^T lambda = Q subject to J a = gamma, in the symbols t, q (n,) and v (n,).
 
     Attributes:
-        phi: (h,) residuals of the holonomic rows [m, rad]: those of joints, couplings and drivers.
+        phi: (h,) residuals of the holonomic rows [m, rad], for joints, couplings and drivers.
         c: (m,) d phi/dt, then one row for each knife edge [m/s, rad/s].
         mass: (n,) diagonal of M [kg, kg m^2].
         J: (m, n); gamma: (m,).

@@ -165,7 +165,7 @@ class MujocoModel(TreeModel):
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
         """Return a function that takes `count` steps from each of the k states q, v (k, n), by `mujoco.rollout` on one thread.
 
-        The function returns the last tree states as an array (k, 2, n): y, dy of each.
+        The function returns the last tree states as an array (k, 2, n), with y and dy of each.
         """
         from mujoco import rollout
 
