@@ -1,9 +1,9 @@
 """All engines by name: the suite's formulations, adapters to foreign libraries, plug-ins, and engines of other environments.
 
 The module of an adapter is imported when the engine is first used. Libraries that cannot be installed with those of other engines
-run in Python environments of their own, with Python >= 3.11 and numpy >= 2, but not necessarily this package. The engines that
-`gauss-bench engines install` has installed are found by the folders of their environments. The user's file of engines lists others,
-one table for each engine:
+run in Python environments of their own, which need Python >= 3.11 and numpy >= 2, but not this package. Engines that `gauss-bench
+engines install` has installed are found by the folders of their environments. The user's file of engines lists further engines, one
+table for each:
 
     [heun]
     class = "my_engine:Heun"                     # MODULE:CLASS of the adapter; engines of ELSEWHERE do not need it
@@ -33,7 +33,7 @@ FOREIGN = {
 DERIVED = {  # further equations of this suite, compiled; like libraries, they can model only some linkages
     "minimal": "gauss_bench.engines.minimal.adapter:Minimal",
 }
-RIVALS = {  # only for searches and for users who name them: suites leave out what needs a C compiler or fits few linkages
+RIVALS = {  # only for searches and for users who name them: suites leave out engines that need a C compiler or model few linkages
     "by_hand": "gauss_bench.engines.by_hand.adapter:ByHand",
     "pinocchio_casadi": "gauss_bench.engines.pinocchio.symbolic:PinocchioCasadi",
 }
@@ -51,7 +51,7 @@ OWN_CLASS, COMPILED_CLASS = "gauss_bench.engines.interpreted:Interpreted", "gaus
 SAFE = (*OWN, *COMPILED, *DERIVED, *FOREIGN, *RIVALS)  # the import of these adapters imports no foreign library
 AUTHORED = (*OWN, *COMPILED, *DERIVED, "by_hand")  # written by the suite's authors: a comparison with others must say so
 
-EXTRAS = {  # library -> the extra of the package that brings it
+EXTRAS = {  # library -> the extra of this package that installs it
     "pinocchio": "pinocchio",
     "exudyn": "exudyn",
     "mujoco": "mujoco",
@@ -123,11 +123,11 @@ def get(name: str) -> Engine:
 
     Raises:
         UnknownEngine: no engine has that name.
-        ImportError: the engine's adapter cannot be imported; its library is imported only when it builds a model.
+        ImportError: the adapter cannot be imported; the library is not needed before the adapter builds a model.
     """
     if name in (*OWN, *COMPILED):
         return resolve_name(OWN_CLASS if name in OWN else COMPILED_CLASS)(name)  # type: ignore[no-any-return]
-    environment = environment_of(name)  # its class can be imported only by a process of that environment
+    environment = environment_of(name)  # only a process of this environment can import its class
     class_name = environment.class_name if environment else {**DERIVED, **FOREIGN, **RIVALS}.get(name)
     if class_name or is_class(name):
         return resolve_name(class_name or name)()  # type: ignore[no-any-return]
@@ -156,7 +156,7 @@ class MissingExtra(BadInput, ImportError):
 
 
 def not_installed(error: ImportError) -> str:
-    """Return a sentence that names the missing module, and the command that installs it if an extra of this package does."""
+    """Return a sentence that names the missing module and, if an extra of this package has it, the command that installs it."""
     if isinstance(error, MissingExtra):
         return str(error)
     library = (error.name or "").partition(".")[0]
@@ -185,7 +185,7 @@ def home() -> Path:
 def _user_folder(variable: str, default: str) -> Path:
     """Return this package's folder in the folder that an environment variable of the XDG specification names.
 
-    Without an absolute path in the variable, it is in the folder `default` of the user's home.
+    If the variable holds no absolute path, the folder `default` of the user's home is taken instead.
     """
     chosen = os.environ.get(variable, "")
     return (Path(chosen) if os.path.isabs(chosen) else Path.home() / default) / "gauss-bench"
@@ -202,7 +202,7 @@ def is_ours(folder: Path) -> bool:
 
 
 def read_environments() -> dict[str, Environment]:
-    """Return name of an engine -> environment, for the user's file of engines, and then for the other installed engines.
+    """Return name of an engine -> environment: first the engines of the user's file, then the other installed engines.
 
     Raises:
         EnvironmentFault: the file has a fault.
@@ -223,7 +223,7 @@ def read_environments() -> dict[str, Environment]:
 
 
 def _is_removed(environment: Environment) -> bool:
-    """Tell whether gauss-bench installed an engine and removed it; the user's file may still have a table of it."""
+    """Tell whether a table of the user's file names an environment of gauss-bench whose folder is missing."""
     folder = home() / environment.engine
     return environment.engine in ELSEWHERE and environment.python == str(interpreter_in(folder)) and not folder.exists()
 
@@ -244,7 +244,7 @@ def _read_table(path: Path, name: str, table: Any) -> Environment:
         check(has_type, f"{name}.{key}", "must be a number" if key == "memory" else "must be a text")
     class_name = table.get("class", ELSEWHERE.get(name, ""))
     check(is_class(class_name), f"{name}.class", "must be MODULE:CLASS")
-    installed = str(interpreter_in(home() / name)) if name in ELSEWHERE else ""  # the default
+    installed = str(interpreter_in(home() / name)) if name in ELSEWHERE else ""  # default of `python`
     python = os.path.expanduser(table.get("python", installed))
     check(os.path.isabs(python) and "\0" not in python, f"{name}.python", "must be the absolute path of an interpreter")
     memory = float(table.get("memory", 0.0))

@@ -1,4 +1,4 @@
-"""Settings that an engine's authors contribute: the reader of their file, and its checks.
+"""Read and check a file of settings that an engine's authors contribute.
 
 The file is `authors.toml` in the engine's folder, or any file that a user names:
 
@@ -13,12 +13,12 @@ The file is `authors.toml` in the engine's folder, or any file that a user names
     why = "why it has this value, in a sentence"
 
     [settings.fast]                   # a candidate of searches; the search chooses its step or tolerance
-    base = "rigid"                    # settings of the suite that give all other knobs their values; by default the first ones
+    base = "rigid"                    # settings of the suite that give all other knobs their values; by default the first
     integrator = "rk4"                # may be left out if the engine has only one
     iterations = 2
 
 The engine's `variants.toml` defines the knobs. A file may have at most as many settings as the search has variants of the engine.
-Tables name a setting by the text of its options, such as "rigid,iterations=2".
+Tables of results name a setting by its options, as in "rigid,iterations=2".
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,7 +39,7 @@ ROOMS = Path(__file__).parent  # holds the folders of all engines
 FILE = "authors.toml"
 FORMAT = "gauss-bench-settings/1"
 LARGEST = 1 << 16  # [bytes] largest file that is read
-LONGEST = 200  # characters of a name, a contact or a reason
+LONGEST = 200  # [characters] longest text of a field
 FIELDS = ("format", "engine", "authors", "contact", "date", "knobs", "settings")
 BASE = "base"
 
@@ -130,7 +130,7 @@ def _read(file: Line) -> CheckedSettings:
     authors, contact = (_read_text(file, key, key) for key in ("authors", "contact"))
     require(contact.startswith("https://") or "@" in contact, "contact", "must be an address: https://... or an e-mail address")
     day = file.get("date")
-    if not isinstance(day, date) or isinstance(day, datetime):  # Python's datetime is a date
+    if not isinstance(day, date) or isinstance(day, datetime):  # a datetime is also a date
         raise SettingsFault("date: must be a date, as in date = 2026-11-26")
     # the authors' time zone may be a day ahead
     require(day <= date.today() + timedelta(days=1), "date", f"{day} has not come yet")
@@ -191,7 +191,7 @@ def _read_source(place: str, line: Line) -> str:
 
 
 def _read_text(line: Line, key: str, place: str) -> str:
-    """Return the field `key`, named `place` in messages: printable, in one line, 1 to LONGEST characters; else a VariantError."""
+    """Return the text of the field `key`; a VariantError, which names `place`, unless it is a line of 1 to LONGEST characters."""
     text = line.get(key)
     valid = isinstance(text, str) and harmless(text) == text and "\n" not in text and text.strip() != "" and len(text) <= LONGEST
     require(valid, place, f"must be a text of 1 to {LONGEST} characters in one line")

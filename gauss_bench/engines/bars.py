@@ -1,7 +1,7 @@
 """Bars in a plane, pinned to the ground or to each other: small models whose results are compared between releases of a library.
 
-A bar's frame has its origin at its first pin, and its x axis runs along the bar. A state q (n,) holds x, y of the centre of mass
-and the angle of every bar, as everywhere in this package. The linkages in `releases/linkages` have the same numbers.
+The frame of a bar has the origin at the first pin, and the x axis along the bar. A state q (n,) holds x, y of the centre of mass
+and the angle of every bar, as everywhere in this package. The linkages in `releases/linkages` have the same lengths and masses.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,12 +18,12 @@ GRAVITY = -9.81  # [m/s^2] along y
 
 @dataclass(frozen=True)
 class Bar:
-    """A bar that hangs on a parent by its first pin.
+    """A bar whose first pin joins it to a parent.
 
     Attributes:
         name: name of the bar; "twin" for the second of the two equal bars that make up a rod.
-        parent: index of the parent in the list of bars, where it stands before its children; -1 for the ground.
-        at: place of the first pin [m] along the parent, or along the ground's x axis.
+        parent: index of the parent, which precedes its children in the list of bars; -1 for the ground.
+        at: position of the first pin [m] along the parent, or along the ground's x axis.
         length, centre: distances [m] from the first pin to the end and to the centre of mass.
         mass: [kg]; inertia: [kg m^2] about the centre of mass.
     """
@@ -40,7 +40,7 @@ class Bar:
 CRANK, ROD = Bar("crank", -1, 0.0, 1.0, 0.5, 1.0, 0.1), Bar("rod", 0, 1.0, 2.0, 1.0, 2.0, 0.6)
 ROCKER = Bar("rocker", -1, 2.2, 1.5, 0.75, 1.5, 0.3)
 FOUR_BAR = (CRANK, ROD, ROCKER)
-HALVES = (  # the rod as two bodies in one place: one hangs on the crank, one on the rocker, and they are fixed to each other
+HALVES = (  # the rod as two bodies in the same place: the first hangs on the crank, the second on the rocker; a weld joins both
     CRANK,
     Bar("rod", 0, 1.0, 2.0, 1.0, 1.0, 0.3),
     ROCKER,
@@ -48,14 +48,14 @@ HALVES = (  # the rod as two bodies in one place: one hangs on the crank, one on
 )
 PAIR = (CRANK, ROCKER)
 CHAIN = (Bar("first", -1, 0.0, 1.0, 0.5, 1.0, 0.1), Bar("second", 0, 1.0, 1.0, 0.5, 2.0, 0.2))
-THREE_CRANKS = (  # a beam on three equal cranks, of which one is redundant, and a pendulum on the middle one
+THREE_CRANKS = (  # a beam on three equal cranks, of which one is redundant, and a pendulum on the middle crank
     Bar("left", -1, 0.0, 1.0, 0.5, 1.0, 0.1),
     Bar("beam", 0, 1.0, 2.0, 1.0, 1.0, 0.1),
     Bar("middle", -1, 1.0, 1.0, 0.5, 1.0, 0.1),
     Bar("pendulum", 2, 1.0, 1.0, 0.5, 1.0, 0.1),
     Bar("right", -1, 2.0, 1.0, 0.5, 1.0, 0.1),
 )
-RATIO, CURVE = -0.5, 0.2  # a coupling of CHAIN: if the first bar's angle is x, the second's relative to it is RATIO x + CURVE x^2
+RATIO, CURVE = -0.5, 0.2  # in a coupled CHAIN, the angle between the bars is RATIO x + CURVE x^2, with x the first bar's angle
 
 
 def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array, bars: Sequence[Bar]) -> Array:
@@ -80,7 +80,7 @@ def tree_of(bars: Sequence[Bar]) -> Tree:
     branches, zero = [], np.zeros(2)
     for k, bar in enumerate(bars):
         centre = bars[bar.parent].centre if bar.parent != GROUND else 0.0
-        # the first pin, seen from the parent's centre of mass and from the bar's own
+        # the first pin relative to the parent's centre of mass, and to the bar's own
         near, far = np.array([bar.at - centre, 0.0]), np.array([-bar.centre, 0.0])
         branches.append(Branch(k, bar.parent, "revolute", None, k, near, far, base=zero, axis=zero, turn=0.0))
     return Tree(tuple(branches), (), len(bars), len(bars))

@@ -1,7 +1,7 @@
-"""The interface of every engine: it builds a mechanism as a model, runs the model, and reads the samples of the run.
+"""The interface of engines: an engine builds a model of a mechanism, and the model runs and returns its samples.
 
-The bench times `run`, never `prepare` and `read`, and judges whether results are right. Only the engine translates between its own
-coordinates and the absolute coordinates of the mechanism. It reports failures as RunFailure.
+The bench times `run`, but not `prepare` and `read`, and judges whether results are right. Only the engine translates between its
+own coordinates and the absolute coordinates of the mechanism. It reports failures as RunFailure.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -81,7 +81,7 @@ class Model(Protocol):
         ...
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to q0, v0 at times[0], and allocate memory for samples at the times (k,) [s]; this call is not timed.
+        """Reset to q0, v0 at times[0], and allocate memory for the samples at `times` (k,) [s]; this call is not timed.
 
         Args:
             native: whether the engine's own loop takes the steps between samples; otherwise Python calls the engine for every step.
@@ -153,7 +153,7 @@ class LibraryCall:
 
     Attributes:
         acceleration: (n,) result of the call, translated to absolute coordinates.
-        ready: function that is called before every `call`, not timed.
+        ready: function that is called, untimed, before every `call`; only if `count` is not 1.
         count: number of right-hand sides, or implicit steps, in one call.
     """
 
@@ -175,7 +175,7 @@ class EngineDefaults:
         knobs: name of an option -> object with `meaning`, `source` and `values`, as `variants.read_variants` returns them; users
             can set each of these options alone (`--settings KNOB=VALUE`).
         options: names of options that users can set alone, for an engine that has no `knobs`.
-        first: names of the variants that a search tries first if its time is short.
+        first: names of the variants to which a brief search is limited; `recommend` tries them before all others.
         soft: name of settings or of a variant -> the reason why its accelerations satisfy J a = gamma only approximately.
         unfinished: name of a variant -> the reason why the variant's solver stops before it has converged.
         resizable: whether models use a new step or tolerance after their attribute `choice` was replaced between two runs.
@@ -221,7 +221,7 @@ class ModelDefaults:
     """All optional members of a model, each with its default, which `ask` returns if a model lacks the member."""
 
     def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
-        """Return name of a joint -> (3,) the engine's fx, fy [N] on the joint's second link and moment [N m] about its point.
+        """Return name of a joint -> (3,) the engine's fx, fy [N] and moment [N m] on the joint's second link, about the joint.
 
         Joints whose forces the engine does not compute at this time [s] and absolute state q, v (n,) are left out, by default all.
 
@@ -231,7 +231,7 @@ class ModelDefaults:
         return {}
 
     def bare_calls(self) -> tuple[Callable[[], object], Callable[[], object]]:
-        """Return two functions: the library's own call alone, and a trivial call of the library, which shows the cost of calling.
+        """Return two functions: the library's own call alone, and a trivial call of the library, which measures the call overhead.
 
         Both are timed for the engines that a suite lists under `bare`.
 
@@ -266,7 +266,7 @@ def ask(asked: object, member: str) -> Any:
 
 
 def has_own(asked: object, member: str) -> bool:
-    """Tell whether an engine or model has an optional member (else a KeyError) other than an inherited default."""
+    """Tell whether an engine or model replaces the default of an optional member; a KeyError if there is no such member."""
     default = getattr(OPTIONAL[member], member)
     return hasattr(asked, member) and getattr(type(asked), member, None) is not default
 

@@ -16,7 +16,7 @@ class BodyModel(ABC):
 
     Attributes:
         options: name of an option of the engine -> value.
-        plan: the `Stretch`es of a run: sequences of equal steps, each up to a sample or a kink.
+        plan: the `Stretch`es of a run: sequences of equal steps up to a sample or a kink of a force.
         q, v: (k, n) absolute states at the sample times, which `run` stores.
     """
 

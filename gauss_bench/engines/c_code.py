@@ -1,11 +1,11 @@
 """Compile an engine's acceleration in C together with fixed-step integrators.
 
-The engine's C source defines, with q, v and a of N numbers,
+The engine's C source defines, for arrays q, v and a of length N,
 
     static void acceleration(double t, const double *q, const double *v, double *a)
 
-This function is compiled in one file with the integrators, so that the compiler may inline it. The integrators have the methods of
-`integrate/fixed_step.py`. The compiler's flag -ffast-math lets it reorder sums; a programmer who writes C for speed would use it.
+This function is compiled in one file with the integrators, so that the compiler may inline it. The integrators use the methods of
+`integrate/fixed_step.py`. The flag -ffast-math lets the compiler reorder sums, as a programmer who writes C for speed would do.
 """
 
 import ctypes
@@ -102,7 +102,7 @@ def _load_library(source: str) -> ctypes.CDLL:
         text, compiled, linked = f"{folder}/engine.c", f"{folder}/engine.o", f"{folder}/engine.so"
         Path(text).write_text(source)
         compiling = [program, *FLAGS, "-c", text, "-o", compiled]
-        # A library that is linked with -ffast-math makes the processor flush tiny numbers to zero, in the whole process.
+        # not linked with -ffast-math, because loading such a library makes the whole process flush denormal numbers to zero
         linking = [program, "-shared", compiled, "-o", linked, "-lm"]
         for command in (compiling, linking):
             done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False)
@@ -138,14 +138,14 @@ class CompiledSteps:
         self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
-        """Take the steps of every interval between samples in place, in a copy of the sample at the beginning of the interval."""
+        """For each interval between samples, copy the sample at its beginning, and take the steps in place in this copy."""
         for k, (count, h) in enumerate(self.plan):
             self.x[k + 1], self.dx[k + 1] = self.x[k], self.dx[k]
             self.advance(self.x[k + 1], self.dx[k + 1], float(self.times[k]), h, count)
 
     def read(self) -> Trajectory:
         """Return the samples in absolute coordinates; from the first sample that is not finite on, all are NaN."""
-        reached = slice(finite(self.x, self.dx))  # the samples before that one
+        reached = slice(finite(self.x, self.dx))  # the finite samples
         motion = np.array(self.motion(self.times[reached], self.x[reached], self.dx[reached]))  # (3, reached, n_q)
         q, v, a = np.full((3, len(self.times), motion.shape[2]), np.nan)
         q[reached], v[reached], a[reached] = motion

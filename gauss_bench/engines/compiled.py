@@ -1,6 +1,6 @@
 """The suite's own formulations as machine code, generated for one mechanism.
 
-One code generator solves the equations of both formulations by elimination, so the two engines differ in the formulation alone.
+One code generator writes the elimination of both formulations, so the two engines differ in the formulation alone.
 """
 
 from collections.abc import Callable
@@ -87,8 +87,8 @@ class CompiledModel:
         """Compile the integrator, reset to the start, and divide the times (k,) [s] into parts with equal steps."""
         self.kernel.prepare(self.choice.integrator)  # compiles here, so that no timed run compiles
         self.times, self.native = times, native
-        # switches: changes of the independent coordinates; fallbacks: steps at which none were usable, so the rank of the
-        # constraints was decided numerically
+        # switches: number of changes of the independent coordinates; fallbacks: number of steps at which no choice of these
+        # coordinates was usable, so the rank was decided numerically
         self.steps = self.evaluations = self.switches = self.fallbacks = 0
         self.parts, self.planned = equal_runs(times, self.choice.step), 0  # planned: number of steps of a run
         for part in self.parts:

@@ -1,6 +1,6 @@
 """Forces for which a library has no element: the adapter computes them in Python and gives them to the library at every step.
 
-The forces are those of the state at which the step begins. A spring and damper on tree coordinates y gives forces on these
+The forces are those of the state at which the step begins. Springs and dampers on tree coordinates y exert forces on these
 coordinates,
 
     constant - stiffness y - damping y'
@@ -74,7 +74,7 @@ class GivenForces:
         return np.asarray(self.constant - self.stiffness @ y - self.damping @ dy)
 
     def on_links(self, t: float, y: Array, dy: Array) -> Array | None:
-        """Return the forces and torques (3 links,) of `others` at the links' centres of mass, at t [s], y, dy (n,); else None."""
+        """Return the forces and torques (3 links,) of `others` at the centres of mass, at t [s], y, dy (n,), or None."""
         if self.others is None:
             return None
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))

@@ -2,8 +2,8 @@
 
 venv makes an environment in a hidden folder, and pip installs the packages of the engine's `requirements.txt`, whose hashes it
 checks. Then the folder is renamed to the name of the engine, by which `read_environments` finds it. An installation that fails or
-is interrupted leaves nothing behind. One that is killed leaves its hidden folder behind, which the next call of this module
-removes. Apart from hidden folders, a folder is removed only if it contains the file MADE.
+is interrupted leaves nothing behind. An installation that is killed leaves its hidden folder, which the next call of `hold`
+deletes. Apart from hidden folders, `install` and `remove` delete only folders that contain the file MADE.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ from gauss_bench.untrusted import BadInput, parse_toml
 ROOMS = Path(__file__).parent
 HIDDEN = re.compile(r"\.[\w.-]+\.part-\w+")  # name of a folder in which an environment is built or deleted
 OPTIONS = ("--only-binary", ":all:", "--no-input", "--disable-pip-version-check")  # of pip
-LAST_LINES = 3  # lines of a program's output that are quoted when it fails
+LAST_LINES = 3  # number of lines of a program's output that a failure quotes
 
 Told = Callable[[str], None]  # function that shows the user one line of progress
 
@@ -132,7 +132,7 @@ def remove(name: str) -> None:
 def remove_leftovers() -> None:
     """Remove the hidden folders of killed installations, unless an installation is running."""
     if home().is_dir():
-        # `hold` removes them when it has the lock; if an installation has the lock, it raises the fault that is suppressed
+        # `hold` removes them when it has the lock; while an installation has the lock, `hold` raises the suppressed fault
         with contextlib.suppress(InstallationFault), hold(home()):
             pass
 
@@ -167,7 +167,7 @@ def _make_hidden(place: Path) -> Path:
 
 
 def _delete(place: Path) -> None:
-    """Move an environment into a hidden folder, and delete this; if interrupted, the next call of `hold` deletes the rest."""
+    """Move an environment into a hidden folder, and delete that folder; if interrupted, the next `hold` deletes the rest."""
     hidden = _make_hidden(place)
     place.rename(hidden / place.name)
     shutil.rmtree(hidden)
@@ -185,7 +185,7 @@ def require_free(name: str) -> None:
 
 
 def pip_of(folder: Path) -> list[str]:
-    """Return the command that starts the pip of an environment; -I lets it import modules of that environment only."""
+    """Return the command that starts the pip of an environment; with -I, pip imports no modules from elsewhere."""
     return [str(interpreter_in(folder)), "-I", "-m", "pip"]
 
 

@@ -1,4 +1,4 @@
-"""The suite's own formulations as engines in numpy: terms, stabilisation, formulation and integrator combined.
+"""The suite's own formulations as engines in numpy, each run with a stabilisation and an integrator.
 
 Dry friction in joints depends on the multipliers, and is found by a fixed-point iteration around the formulation. If a formulation
 returns no multipliers, they are computed from J^T lambda = Q - M a.

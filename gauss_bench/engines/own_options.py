@@ -4,7 +4,7 @@
     KEY=VALUE,...:        the options of the engine's first settings, with the given options changed
     NAME,KEY=VALUE,...:   the options of the settings or variant NAME, with the given options changed
 
-The first settings of an engine define its options, and the type of each value: a number, a list of a fixed length, or a word. A
+The first settings of an engine define its options, and the type of each value: Boolean, number, list of fixed length, or word. A
 word must occur in settings or variants of the engine, or among the values that the engine lists for the option.
 """
 
@@ -71,9 +71,10 @@ class OptionTable:
         return ", ".join(f"{key}={_write(usual[key])}" for key in self.options)
 
     def check_value(self, key: str, value: Any, shown: str) -> Any:
-        """Return the value of the option `key`, with its numbers as floats if the default has floats.
+        """Return the value of the option `key`; numbers become floats if the default is a float or a list.
 
-        `shown` is the text of the value in messages.
+        Raises:
+            OptionError: the option cannot have this value, which the message shows as `shown`.
         """
         usual = next(iter(self.labels.values()))[key]
         match usual:
@@ -123,7 +124,7 @@ def _is_number(x: Any, kind: Any = (int, float)) -> bool:
 
 
 def _write(value: Any) -> str:
-    """Return a value as a text that `resolve` reads; numbers are rounded to six digits."""
+    """Return a value as a text that `resolve` reads; floats are rounded to six digits."""
     match value:
         case list() | tuple():
             return f"[{','.join(map(_write, value))}]"

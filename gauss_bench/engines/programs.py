@@ -1,7 +1,7 @@
 """Parts of the Python programs that run one linkage with a library, without this package.
 
-Every program prints t, positions and velocities of the links as CSV. The calls by which an engine's adapter builds its model are
-recorded (`transcript.py`), and the engine's `program.py` adds the lines that take the steps.
+Every program prints t, positions and velocities of the links as CSV. The calls with which an adapter builds its model are recorded
+(`transcript.py`), and the engine's `program.py` adds the lines that take the steps.
 """
 
 import inspect
@@ -22,7 +22,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.trajectory import RunFailure, Status
 
-SAMPLES = 100  # largest number of rows that a program prints after the row of the start
+SAMPLES = 100  # largest number of rows that a program prints after the first, which is the start
 TITLE = "One linkage: python THIS_FILE [END [STEP]] prints t, positions and velocities as CSV; simulate() returns them."
 MAIN = """if __name__ == "__main__":
     import sys
@@ -63,7 +63,8 @@ def rates(mechanism: Mechanism) -> list[str]:
 
 # the bodies of functions t -> (value, rate, second derivative), one for each kind of motion law
 CONSTANT = "    return $start + $speed * t, $speed, 0.0\n"
-# a cubic spline: in the interval j, `bends` and `bend` are its second and third derivative, and `slope` is its first at times[j]
+# a cubic spline: `bends` are its second derivatives at `times`; in the interval from times[j] on, `bend` is its third derivative,
+# and `slope` its first derivative at times[j]
 TABLE = """    start, times, values = $start, $times, $angles
     bends = $curvatures
     x = min(max(t, times[0]), times[-1])
@@ -80,7 +81,7 @@ RISE = """    start, travel, time = $start, $travel, $time
     moving = 0 <= t <= time
 $family    return start + travel * value, travel / time * rate * moving, travel / time**2 * second * moving
 """
-FAMILIES = {  # name of a law that rises from 0 to 1 -> its value and first two derivatives by s
+FAMILIES = {  # name of a law that rises from 0 to 1 -> lines that compute its value and its two derivatives by s
     "sine": """    value = s - math.sin(2 * math.pi * s) / (2 * math.pi)
     rate = 1 - math.cos(2 * math.pi * s)
     second = 2 * math.pi * math.sin(2 * math.pi * s)
@@ -148,7 +149,7 @@ $main''')
 def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict[str, Any]:
     """Return the constants, name -> value, of a program that passes the forces on tree coordinates y to the library at every step.
 
-    These forces are CONSTANT - STIFFNESS y - DAMPING y'. LAWS pairs the index of each driven coordinate with its motion law.
+    These forces are CONSTANT - STIFFNESS y - DAMPING y'. LAWS lists the index and the motion law of each driven coordinate.
 
     Raises:
         RunFailure: the program would need forces that only this suite computes.
@@ -177,7 +178,7 @@ def write_tree_program(
 
     Args:
         numbers: name -> value of the engine's constants.
-        model: statements that build the library's model for steps of the length `step`.
+        model: statements that build the library's model for steps of size `step`.
         run: statements that take `steps` steps, and append [t, *absolute(y, dy, places, speeds)] to `rows` after each group of
             `every` steps.
     """

@@ -1,4 +1,4 @@
-"""Functions that adapters to libraries share: reasons to refuse a linkage, and checks of a library's model against the linkage."""
+"""Parts that adapters to libraries share: reasons to refuse a linkage, and checks of a library's model against the linkage."""
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -32,10 +32,10 @@ from gauss_bench.trajectory import RunFailure, Status
 from gauss_bench.trajectory import finite as finite  # plug-ins import these two from here
 from gauss_bench.trajectory import with_accelerations as with_accelerations
 
-# [rad, m] for each random tree state, the largest difference of a coordinate from the start. That of a rate is 10 times as large
+# [rad, m] for each tree state, the largest difference of a coordinate from the start. Rates differ by up to 10 times this number
 # [rad/s, m/s], so that errors of velocity terms show.
 SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)
-PARALLEL = 1e-12  # sine of the angle up to which two axes count as parallel: sums of angles in different orders differ by rounding
+PARALLEL = 1e-12  # largest sine of the angle between axes that count as parallel: sums of angles differ by rounding
 End = TypeVar("End")
 
 
@@ -64,7 +64,7 @@ class LibraryEngine(EngineDefaults):
 
 
 def unsteady(mechanism: Mechanism, library: str) -> str | None:
-    """Return the reason to refuse a mechanism with forces that depend on time or on the direction of motion; None without them."""
+    """Return the reason to refuse a mechanism if a force depends on time or on the direction of motion, else None."""
     if not mechanism.varying:
         return None
     names = ", ".join(f.name for f in mechanism.varying)
@@ -72,7 +72,7 @@ def unsteady(mechanism: Mechanism, library: str) -> str | None:
 
 
 def common_refusal(mechanism: Mechanism, library: str) -> str | None:
-    """Return the reason why no adapter of this package models the mechanism, or None if there is no such reason.
+    """Return the reason why no adapter that calls this function can model the mechanism, or None if there is no such reason.
 
     Raises:
         TypeError: a force is of a kind that cannot be expressed by loads.
@@ -95,7 +95,7 @@ def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
 
 
 def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
-    """List, for each driver of an angle or slide, the index of its tree coordinate; None if its angle is a sum of several."""
+    """List, for each driver of an angle or slide, the index of the driven tree coordinate; None for a sum of several."""
     # the angle of a link is a tree coordinate only if a hinge joins the link to the ground
     hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
     slides = slide_indices(tree)
@@ -165,7 +165,7 @@ def joint_tree(mechanism: Mechanism, options: Mapping[str, Any]) -> Tree:
 
 
 def closing_pins(tree: Tree) -> list[tuple[Point, Point]]:
-    """List the points a and b of each pin that is not in the tree; they must coincide to close the loops."""
+    """List the points a and b of each pin that is not in the tree; a and b must coincide to close a loop."""
     return [(joint.a, joint.b) for joint in tree.closures if isinstance(joint, Revolute)]
 
 

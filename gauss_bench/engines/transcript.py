@@ -17,7 +17,7 @@ import numpy as np
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import in_a_sentence
 
-# beginnings of the names of functions whose results nobody uses, such as setName and append, but not FixedOffsetFrame
+# first words of the names of functions whose results are not used: setName matches, but FixedOffsetFrame does not
 COMMAND = re.compile("(?i:(re)?set|add|append|change|disable|override|finalize|weld|connect|fix|assemble)(?![a-z])")
 
 
@@ -38,7 +38,7 @@ class Script:
         self._statements, self._counts = dict(statements), {prefix: count(1) for prefix in statements.values()}
 
     def stand_in(self, source: str) -> "StandIn":
-        """Return a stand-in for an object of the script; `source` is the object's name there, such as that of a module."""
+        """Return a stand-in for an object, such as a module; `source` is the object's name in the script."""
         return StandIn(self, source)
 
     def comment(self, text: str) -> None:
@@ -75,7 +75,7 @@ class StandIn:
         object.__setattr__(self, "_source", source)
 
     def __getattr__(self, name: str) -> "StandIn":
-        if name.startswith("__"):  # numpy and others look for such attributes; a stand-in has none of them
+        if name.startswith("__"):  # numpy looks for such attributes; a stand-in has none of them
             raise AttributeError(name)
         return StandIn(self._script, f"{self._source}.{name}")
 
@@ -104,7 +104,7 @@ class StandIn:
 
 
 def python(x: Any) -> str:
-    """Return a value as Python source in ASCII; a TypeError if it cannot be written, such as a function."""
+    """Return a value as Python source in ASCII; a TypeError for a value without source, such as a function."""
     if isinstance(x, StandIn):
         return x._source
     if isinstance(x, np.ndarray):

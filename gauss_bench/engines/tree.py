@@ -40,8 +40,8 @@ class Branch:
         at: index of the branch's tree coordinate, or of the first of three.
         parent_anchor, anchor: (2,) [m] the joint's point in the parent's frame and in the link's frame; the origin of a frame is
             the centre of mass.
-        base: (2,) [m] for a slide: vector from parent_anchor to the slide's line, in the parent's frame; otherwise zero.
-        axis: (2,) for a slide: unit vector along the line, in the parent's frame; otherwise zero.
+        base: (2,) [m] for a slide: vector from parent_anchor to the line of the moving anchor, in the parent's frame; else zero.
+        axis: (2,) for a slide: unit vector along this line, in the parent's frame; otherwise zero.
         turn: [rad] for a slide: constant angle of the link relative to the parent; otherwise zero.
     """
 
@@ -64,7 +64,7 @@ class Branch:
         """
         if self.kind == "revolute":
             return (Angle(self.parent, self.link),)
-        # points without a name; a free link is displaced along the parent's x and y axes
+        # a free link is displaced along the x and y axes of its parent, the ground
         near, far = Point(self.parent, self.parent_anchor, ""), Point(self.link, self.anchor, "")
         if self.kind == "prismatic":
             return (Along(near, far, float(np.arctan2(self.axis[1], self.axis[0]))),)
@@ -91,7 +91,7 @@ class Tree:
 
     Attributes:
         branches: in depth-first order, so that a parent comes before its children.
-        closures: the joints that are not in the tree; they close its loops.
+        closures: the joints that are not in the tree and close loops.
         n: number of tree coordinates.
     """
 
@@ -104,7 +104,7 @@ class Tree:
         """Map tree states y, y', y'' (..., n) to absolute q, v, a (..., 3 links), link by link from the ground outwards."""
         exp = exponential(y)
         Y, dY, ddY = columns(y), columns(dy), columns(ddy)
-        # link -> complex position and angle of its centre of mass, then the same for velocity and for acceleration
+        # link -> complex position of its centre of mass, and its angle; then likewise velocities and accelerations
         rest = (0j, 0.0)
         q, v, a = {GROUND: rest}, {GROUND: rest}, {GROUND: rest}
         for b in self.branches:
@@ -222,7 +222,7 @@ def ends(joint: Joint) -> tuple[int, int]:
 
 
 def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
-    """Return a spanning tree that takes slides first, then pins; links that no joints connect to the ground become free.
+    """Return a spanning tree that takes slides first, then pins; a group of links without a path to the ground has one free link.
 
     Args:
         least_depth: whether the tree has the pins with which the path of every link to the ground has the fewest joints. If not,
@@ -256,7 +256,7 @@ def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
 
 def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]:
     """Return the joints, in order, without those that close a loop with earlier ones (Kruskal's algorithm)."""
-    group = {i: i for i in range(GROUND, len(mechanism.links))}  # link -> number of the group that joints connect so far
+    group = {i: i for i in range(GROUND, len(mechanism.links))}  # link -> number of its group; joints connect the links of a group
     chosen = []
     for joint in joints:
         a, b = (group[i] for i in ends(joint))
@@ -312,7 +312,7 @@ def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
     """Return the branch from `parent` to `child`, whose coordinate has the index `at`.
 
     If the parent is the second link of a slide, the slide's offset, direction and turn change their signs, and the direction is
-    given in the frame of this link.
+    converted to the parent's frame.
     """
     zero = np.zeros(2)
     first, second = joint.ends
@@ -320,7 +320,7 @@ def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
     near, far, sign = (first, second, 1.0) if forward else (second, first, -1.0)
     if not isinstance(joint, Prismatic):
         return Branch(child, parent, "revolute", joint, at, near.local, far.local, base=zero, axis=zero, turn=0.0)
-    # direction of the slide in the parent's frame [rad]; base: from the near point to the slide's line, axis: along the line
+    # direction of the slide in the parent's frame [rad]; base: from the near point to the line on which the far point moves
     theta = joint.angle if forward else joint.angle - joint.turn
     base, axis = sign * joint.offset * unit(theta, across=True), sign * unit(theta)
     return Branch(child, parent, "prismatic", joint, at, near.local, far.local, base=base, axis=axis, turn=sign * joint.turn)

@@ -2,8 +2,8 @@
 
 Each kind of load is a class; y are the tree coordinates:
 
-    Steady:      A constant generalised force on tree coordinates: a torque, or a force along a slide with its
-                 reaction on the guide.
+    Steady:      A constant generalised force on tree coordinates: a torque, a force along a slide with its reaction on the guide,
+                 or the constant part of a force law.
     OnJoints:    A spring and damper on an angle or a slide displacement, which is a sum of tree coordinates L = row . y + constant.
     OtherLoad:   Every other load: a force at a point, or a force law on a distance or along an axis to which no slide is parallel.
 """
@@ -41,7 +41,7 @@ class Steady:
     """The constant generalised force `value` times `force` (n,) on the tree coordinates.
 
     Attributes:
-        names: names of the linkage's forces that it replaces.
+        names: names of the linkage's forces that this load replaces.
     """
 
     force: Array
@@ -54,7 +54,7 @@ class OnJoints:
     """The force k (rest - L) - c dL/dt on the sum of tree coordinates L = row . y + constant; row (n,) has entries 0, 1 and -1.
 
     Attributes:
-        name: name of the linkage's force to which it belongs.
+        name: name of the force of the linkage.
     """
 
     row: Array
@@ -84,7 +84,7 @@ def sort_loads(mechanism: Mechanism, tree: Tree) -> list[TreeLoad]:
     """
     turns = turning(tree)
     steady = [f for f in mechanism.forces if not factor_of(f)]
-    # a unit torque has the generalised force 1 on each hinge that turns only the link, and -1 on each that turns only its reaction
+    # a unit torque has the generalised force 1 on each hinge that turns only the link, -1 on each that turns only the reaction link
     motors = [Steady(turns.rows[f.link] - turns.rows[f.reaction], f.value, (f.name,)) for f in steady if isinstance(f, Torque)]
     motors += slide_motors([f for f in steady if isinstance(f, PointForce)], mechanism, tree, turns)
     motor_names = {name for motor in motors for name in motor.names}
@@ -99,8 +99,8 @@ def sort_loads(mechanism: Mechanism, tree: Tree) -> list[TreeLoad]:
 def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Steady]:
     """Return the forces that act only along slides of the tree, as constant forces on the slides' coordinates.
 
-    Such a force acts on the block of a slide. If the guide moves, another force in `forces` must be the reaction on the guide. All
-    other forces are left out.
+    Such a force acts on the link of a slide's branch, here called the block. If the parent, here called the guide, moves, another
+    force in `forces` must be the reaction on the guide. All other forces are left out.
     """
     motors: list[Steady] = []
     done: set[str] = set()  # names of the forces that are already part of a motor
@@ -113,7 +113,7 @@ def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree,
             reactions = [g.name for g in forces if g.name not in done and is_reaction(g, f, b, mechanism, turns)]
             if value is None or (b.parent != GROUND and not reactions):
                 continue
-            names = (f.name, *reactions[:1])  # one reaction balances the force; an equal second one remains a force of its own
+            names = (f.name, *reactions[:1])  # one reaction balances the force; an equal second reaction remains a force of its own
             motors.append(Steady(np.eye(tree.n)[b.at], value, names))  # the unit vector of the slide's coordinate
             done.update(names)
     return motors
@@ -159,7 +159,7 @@ def refuse_load(load: TreeLoad, turns: Turning, library: str) -> str | None:
 
 
 def turn_force(force: PointForce, turns: Turning) -> tuple[bool, Array]:
-    """Return (in_world, vector): whether the direction of a force is fixed in the world, and the vector (2,) of the force [N].
+    """Return whether the direction of a force is fixed in the world, and the force as a vector (2,) [N].
 
     The vector is given in the world's axes if the direction is fixed in the world, and otherwise in the frame of the link on which
     the force acts; `refuse_load` refuses forces that are fixed in a third link.
@@ -214,7 +214,7 @@ def slide_coordinate(along: Along, mechanism: Mechanism, tree: Tree) -> tuple[Ar
     y, _ = tree.relative(mechanism.q0, mechanism.v0)
     sliding = np.eye(tree.n)[branch.at]
     q, v, _ = tree.absolute(y, sliding, np.zeros(tree.n))
-    # while the slide moves at unit speed, the rates along and across the axis are cosine and sine of the angle between both
+    # while the slide moves at unit speed, the rates along and across the axis are cosine and sine of the angle between them
     cosine, sine = rate(along, q, v), rate(replace(along, across=not along.across), q, v)
     if abs(sine) > PARALLEL:
         return None

@@ -28,7 +28,7 @@ class TreeModel(ABC):
         library: the library's name in messages.
         options: name of an option of the engine -> value; the option "tree" selects the spanning tree.
         y0, dy0: (n,) tree coordinates and rates at the start.
-        plan: the `Stretch`es of a run: sequences of equal steps, each up to a sample or a kink.
+        plan: the `Stretch`es of a run: sequences of equal steps up to a sample or a kink of a force.
         y, dy: (k, n) tree coordinates and rates at the sample times, which `run` stores.
     """
 
@@ -57,7 +57,7 @@ class TreeModel(ABC):
         Raises:
             RunFailure: the library finds no accelerations at that state, or they are not finite.
         """
-        with np.errstate(all="ignore"):  # numpy need not warn of values that are not finite: they are refused here
+        with np.errstate(all="ignore"):  # no warnings of numpy, because values that are not finite are refused here
             return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy)).a, self.library)
 
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
@@ -125,7 +125,7 @@ def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], 
     """Compare a library's model of the tree with the suite's, at the start and at random tree states, where loops are open.
 
     Args:
-        describe: function of a tree state y, dy (n,) that returns what the library computes there.
+        describe: function of a tree state y, dy (n,) that returns the library's quantities at this state.
 
     Raises:
         RunFailure: a quantity differs by more than the tolerance times its scale.
@@ -137,7 +137,7 @@ def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], 
 
 def comparison(model: OpenModel, own: OpenTree) -> dict[str, tuple[Array, Array, float]]:
     """Return name of a quantity -> the library's value, the suite's own value, and the scale of a difference."""
-    extent, load = float(np.abs(own.q).max()), own.load or 1.0  # 1.0: without any load, forces differ only by rounding
+    extent, load = float(np.abs(own.q).max()), own.load or 1.0  # 1.0 replaces a load of zero as the scale
     pairs = {"gaps of open pins": (model.gaps, own.gaps, extent)}
     if model.positions is not None:
         pairs["positions of links"] = (model.positions, places(own.q), extent)
@@ -157,12 +157,12 @@ def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps:
     """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), extrapolated from a library's steps [s].
 
     In a step of size h the rates change by h D(h), with D(h) = a + b h + ... The polynomial through D at all step sizes gives a =
-    D(0). If a library treats springs and dampers implicitly, this changes b, but not a. An error e of the rates causes about e / h.
+    D(0). If a library treats springs and dampers implicitly, b changes, but not a. An error e of a rate changes D by about e / h.
 
     In a library whose constraints act on velocities, the velocities v1 after a step satisfy J v1 = 0, with J at the beginning of
     the step. The velocities before and after a single step from a state with J v = 0 would give J a = 0 in place of J a = gamma.
     Therefore D(h) is computed from the second of two steps, of which the first begins at t - h and y - h dy. The library must not
-    correct the gaps of order h^2 there, because a correction within one step adds an acceleration whose size does not depend on h.
+    correct the gaps of that state, which are of order h^2: a correction within one step adds an acceleration independent of h.
 
     Args:
         rates: function (t, y, dy, h) that returns the rates (n,) after one step of h [s], and the rates after two such steps.

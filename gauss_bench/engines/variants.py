@@ -3,7 +3,7 @@
 A knob is an option of the engine. Suites run the settings, and searches try the variants; both are named sets of knob values. The
 file has one line and four tables:
 
-    first = [NAME, ...]     variants that a search tries first if its time is short; this line stands above the tables
+    first = [NAME, ...]     variants to which a brief search is limited; this line stands above the tables
     [knobs]                 NAME = { meaning = "...", source = "https://..." }; `own_search` = "reason" may replace the source;
                             `values` lists further words that are allowed, `range` the smallest and the largest number
     [settings]              LABEL = { KNOB = value, ... }, run by suites; the first label gives every knob a value, the others
@@ -77,7 +77,7 @@ class Variants:
     Attributes:
         settings: label of settings -> (name of an option -> value).
         space: name of a variant -> `Variant`, in the order of the file; a search tries all of them.
-        first: names of the variants that a search tries first if its time is short.
+        first: names of the variants to which a brief search is limited; `recommend` tries them before all others.
         soft: name of settings or of a variant whose accelerations satisfy J a = gamma only approximately -> cause.
         unfinished: name of a variant that stops its solver before it has converged -> cause.
     """
@@ -145,7 +145,7 @@ def _read(file: Mapping[str, Any]) -> Variants:
     for label, options in [*settings.items(), *((x.name, x.options) for x in space.values())]:
         outside = [name for name, knob in knobs.items() if name in options and not knob.allows(options[name])]
         require(not outside, label, f"{', '.join(outside)} is not in its own range")
-    first = tuple(file.get("first", ()))  # variants that a search tries first if its time is short
+    first = tuple(file.get("first", ()))
     for name in first:
         require(name in space, "first", f"there is no variant {name!r}")
     unfinished: dict[str, str] = {}
@@ -249,6 +249,6 @@ def _require_known(line: Line, names: tuple[str, ...], place: str) -> None:
 
 
 def _read_cause(text: Any, place: str) -> str:
-    """Return the cause that `soft` or [[unfinished]] states; a VariantError if it is no text, or shorter than a reason."""
+    """Return the cause that `soft` or [[unfinished]] states; a VariantError if it is no text, or too short."""
     require(isinstance(text, str) and len(text) >= MIN_REASON_LENGTH, place, f"gives no cause: {text}")
     return str(text)

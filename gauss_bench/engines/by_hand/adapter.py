@@ -1,8 +1,8 @@
-"""The engine `by_hand`: equations of two kinds of linkage, derived on paper and written in C, as an expert would for speed.
+"""The engine `by_hand`: equations of two kinds of linkage, derived on paper and written in C, as an expert would do for speed.
 
-The derivations are `crank_slider.c` and `four_bar.c`: trigonometry closes the loop, and Lagrange's equation is written in the angle
-of the crank, the only degree of freedom. The head of `loops.py` names the loads that they cover. The velocities and accelerations
-of the other links follow from those of the crank by the constraint equations J v = 0 and J a = gamma.
+In `crank_slider.c` and `four_bar.c`, trigonometry closes the loop, and Lagrange's equation is written in the angle of the crank,
+the only degree of freedom. The head of `loops.py` names the loads that the equations include. The velocities and accelerations of
+the other links follow from those of the crank by the constraint equations J v = 0 and J a = gamma.
 """
 
 import ctypes
@@ -79,7 +79,7 @@ class ByHandModel(CompiledSteps):
         self._verify()
 
     def _verify(self) -> None:
-        """Compare the equations derived by hand with the suite's, at the start and CHECKED [rad] before and after this angle.
+        """Compare the equations derived by hand with the suite's, at the start and at crank angles CHECKED [rad] from the start.
 
         Each entry of `pairs` is (value, expected value, scale of the difference). The crank speeds 1 and -10 rad/s are arbitrary.
         """

@@ -1,7 +1,8 @@
 """Recognise a crank-slider or a four-bar, and compute the numbers that the equations derived by hand need.
 
-A crank-slider has a crank on a ground pin, a rod, and a slider on a level guide of the ground; a four-bar has a second ground pin
-in the slider's place. Loads: gravity, a constant torque and damping on the crank, and on the slider a spring and damper along x.
+A crank-slider has a crank on a ground pin, a rod, and a slider on a level guide of the ground; a four-bar has a rocker on a second
+ground pin instead of the slider. The loads may be gravity, a constant torque and damping on the crank, and on the slider a spring
+and damper along x.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +21,7 @@ LEVEL = 1e-12  # [rad] largest angle of a guide or spring that counts as level
 
 
 class Underived(ValueError):
-    """No equation was derived by hand for this linkage; the message says what kind of linkage or load is covered."""
+    """No equation was derived by hand for this linkage; the message gives the reason."""
 
 
 class Pin(NamedTuple):
@@ -32,7 +33,7 @@ class Pin(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """The numbers of a crank-slider or a four-bar that the equations derived by hand for this kind of linkage need.
+    """The numbers of a crank-slider or a four-bar that the equations derived by hand need.
 
     The links form a chain: the crank, the second link (connecting rod), and the third link (slider or rocker).
 
@@ -41,8 +42,8 @@ class Loop:
         numbers: name of a constant in this file -> value.
         links: indices of the crank, the second and the third link.
         lines: (3,) for each link the direction [rad], in the link's frame, of the line between the link's two pins: the equations
-            use the angle of this line. A slider has one pin, and its line is horizontal in the world: the entry is minus the
-            slider's constant angle.
+            use the angle of this line. For a slider, which has one pin, the line is horizontal in the world, so the entry is minus
+            the slider's constant angle.
         pins: for each link the pin that joins it to the previous link; for the crank, to the ground.
     """
 
@@ -54,7 +55,7 @@ class Loop:
 
 
 def loop_of(mechanism: Mechanism) -> Loop:
-    """Recognise a linkage as a crank-slider or a four-bar, and return its numbers, whose names the files in C explain.
+    """Recognise a linkage as a crank-slider or a four-bar, and return its numbers, whose names the C files explain.
 
     Raises:
         Underived: the linkage is neither a crank-slider nor a four-bar, or it has a load that the derived equations do not include.
@@ -63,7 +64,7 @@ def loop_of(mechanism: Mechanism) -> Loop:
     is_constrained = mechanism.drivers or mechanism.constraints or mechanism.has_friction
     if crank is None or is_constrained or len(mechanism.links) != 3 or len(mechanism.joints) != 4:
         raise Underived("only loops of three links with a crank, without drivers, couplings and dry friction, are derived by hand")
-    # the link that is pinned to the crank; if there is none, the crank itself, which has no pin with itself and is refused below
+    # the link that is pinned to the crank; if there is none, the crank, which is refused below, because it has no pin with itself
     second = next((k for k in range(3) if k != crank and _find_pin(pins, crank, k)), crank)
     third = 3 - crank - second  # the indices of the three links are 0, 1 and 2
     pivot, crank_pin, far_pin = _find_pin(pins, GROUND, crank), _find_pin(pins, crank, second), _find_pin(pins, second, third)
@@ -74,7 +75,7 @@ def loop_of(mechanism: Mechanism) -> Loop:
     numbers = {"R": float(np.linalg.norm(crank_line))}
     numbers |= _vector("O", pivot.before.local) | _vector("G", mechanism.gravity)
     numbers |= _weights("1", mechanism, crank, pivot.own, crank_pin.before)
-    # of the second link, length, mass, inertia and centre of mass in a frame at the crank's pin along the line to the other pin
+    # of the second link: length, mass, inertia, and centre of mass in a frame at the crank's pin with x axis to the far pin
     body, centre = mechanism.links[second], turn_vector(-crank_pin.own.local, -_angle(second_line))
     numbers |= {"L": float(np.linalg.norm(second_line)), "M2": body.mass, "I2": body.inertia}
     numbers |= {"A2": float(centre[0]), "B2": float(centre[1])}
@@ -86,7 +87,7 @@ def loop_of(mechanism: Mechanism) -> Loop:
             raise Underived("only a slider on a level guide of the ground is derived by hand")
         numbers |= {"E": float(position(mechanism.q0, far_pin.own)[1]), "M3": mechanism.links[third].mass}
         numbers |= _loads(mechanism, crank, third, far_pin.own)
-        side = np.cos(angle_at(mechanism.q0, second) + lines[1])  # of the second link's line with the x axis
+        side = np.cos(angle_at(mechanism.q0, second) + lines[1])  # positive if the second link's line points to +x
     else:
         source, ground_pin = "four_bar.c", _find_pin(pins, GROUND, third)
         if ground_pin is None:
@@ -100,7 +101,7 @@ def loop_of(mechanism: Mechanism) -> Loop:
         to_ground, to_far = ground_pin.before.local - crank_end, position(mechanism.q0, far_pin.before) - crank_end
         # positive if the far pin is to the left of the line from the crank's pin to the ground's second pin
         side = to_ground[0] * to_far[1] - to_ground[1] * to_far[0]
-    numbers["SIDE"] = float(np.sign(side))  # selects the one of the two closures in which the linkage starts
+    numbers["SIDE"] = float(np.sign(side))  # selects the closure in which the linkage starts
     return Loop(source, numbers, (crank, second, third), np.array(lines), (pivot, crank_pin, far_pin))
 
 
@@ -141,7 +142,7 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
     The spring acts at the slider's pin; a four-bar (`slider` is None) has none.
 
     Raises:
-        Underived: another load acts, or a second spring.
+        Underived: another load or a second spring acts.
     """
     coefficients = {"T": 0.0, "D": 0.0}
     if slider is not None:

@@ -6,9 +6,9 @@
     cvodes_adams  the same by Adams' method and functional iteration
     rk4, dop853_fixed   the closed form at equal steps, in CasADi's generated C (`equal_steps`)
 
-H holds the holonomic rows of J. SUNDIALS chooses steps and orders, so `step` has no effect. With projection, the method is
-restarted with order 1 and a small step after every sample. Multipliers and accelerations are left out of the error test, as the
-documentation of IDAS advises for algebraic variables beyond index 1.
+H holds the holonomic rows of J. SUNDIALS (IDAS and CVODES) chooses steps and orders, so `Choice.step` does not affect it. With
+projection, its method is restarted with order 1 and a small step after every sample. Multipliers and accelerations are left out of
+the error test, as the documentation of IDAS advises for algebraic variables beyond index 1.
 
 Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange equations with constraints, J. Comput. Appl. Math.
 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw. 31 (2005).
@@ -31,7 +31,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 # Absolute tolerance of algebraic variables, so large that Newton's convergence test ignores them. In index 2 their errors grow like
-# 1/h. At a state that was just projected they are exact already, and IDAS' iteration for them fails.
+# 1/h. At a state that was just projected they are exact already, and the iteration by which IDAS would correct them fails.
 LOOSE = 1e9
 REASONS = {  # error code of SUNDIALS without its prefix IDA_ or CV_ -> its meaning
     "TOO_MUCH_WORK": "too many steps between two samples",
@@ -84,8 +84,7 @@ class CasadiModel:
         solve: function (t, q, v) -> accelerations (n,), multipliers (m,).
         system: the system in the form of CasADi's integrators: ode, alg, x, z, t and the parameter p.
         x: (k, 2n) samples, each q and then v.
-        spans: lengths [s] of the intervals between samples, with projection; otherwise empty, because one call integrates the whole
-            run.
+        spans: with projection, lengths [s] of the intervals between samples; otherwise empty: one call integrates the whole run.
         integrators: length [s] of an interval between samples -> the interval's integrator; the key 0 stands for the whole run.
     """
 
@@ -153,7 +152,7 @@ class CasadiModel:
             options |= {k.removeprefix("idas."): x for k, x in self.options.items() if k.startswith("idas.")}
         if method == "adams":
             options |= {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}
-        if method == "ggl":  # IDAS can compute consistent initial values in index 1 only; these are consistent already
+        if method == "ggl":  # IDAS can compute consistent initial values only in index 1; those given here are consistent
             a0 = self._solve_algebraic(float(self.times[0]), self.x[0])[: self.mechanism.n]
             options |= {"calc_ic": False, "init_xdot": [*self.mechanism.v0, *a0]}
         if method == "ggl" or (kind == "idas" and self.spans):  # in index 2, and with projection: see LOOSE

@@ -1,7 +1,6 @@
 """Integration with steps of fixed size: CasADi gives the accelerations in closed form, as generated C or in its virtual machine.
 
-The virtual machine takes the steps if a variant asks for it, or if there is no C compiler. The note of a run tells which of the
-two did.
+The virtual machine is used if a variant asks for it, or if there is no C compiler. The note of a run tells which was used.
 """
 
 from collections.abc import Mapping
@@ -54,7 +53,7 @@ class EqualSteps(CompiledSteps):
         generator = self.ca.CodeGenerator("engine")
         generator.add(self.integrated)
         f, n = self.integrated, self.mechanism.n
-        # CasADi's C functions take lists of pointers to inputs and outputs, and two work arrays; C has no arrays of length 0
+        # CasADi's C functions take arrays of pointers to inputs and outputs, and two work arrays; C has no arrays of length 0
         call = f"""
 static void acceleration(double t, const double *q, const double *v, double *a)
 {{

@@ -23,7 +23,7 @@ class Equations:
     """Expressions of M a + J^T lambda = Q subject to J a = gamma, in the symbols t, q (n,) and v (n,).
 
     Attributes:
-        phi: (h,) residuals of the holonomic rows [m, rad]: two rows for each joint, then one for each driver.
+        phi: (h,) residuals of the holonomic rows [m, rad], for joints, couplings and drivers.
         c: (m,) d phi/dt, then one row for each knife edge [m/s, rad/s].
         mass: (n,) diagonal of M [kg, kg m^2].
         J: (m, n); gamma: (m,).
@@ -129,7 +129,7 @@ def write_law(law: MotionLaw, t: Symbol) -> Symbol:
     if law.name == "table":
         return numbers["start"] + cubic_spline(numbers["times"], numbers["angles"], t)
     s = t / numbers["time"]
-    rises = {  # as in `mechanism/motion_laws.py`, with CasADi's functions: numpy's warn about symbols
+    rises = {  # as in `mechanism/motion_laws.py`, with CasADi's functions, because those of numpy warn about symbols
         "sine": s - ca.sin(2 * np.pi * s) / (2 * np.pi),
         "cosine": (1 - ca.cos(np.pi * s)) / 2,
         "poly345": 10 * s**3 - 15 * s**4 + 6 * s**5,

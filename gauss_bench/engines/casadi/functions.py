@@ -53,8 +53,8 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
 
     Raises:
         ImportError: the extra 'casadi' is not installed.
-        ValueError: the linkage has no such parameter, a parameter is named twice, or the linkage has dry friction, or redundant
-            rows, with which the multipliers are not unique.
+        ValueError: a parameter does not exist or is named twice, a force varies, or the linkage has dry friction or redundant rows,
+            with which the multipliers are not unique.
     """
     import casadi as ca
 
@@ -91,7 +91,7 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
 
 
 def reason_to_refuse(mechanism: Mechanism) -> str | None:
-    """Return the reason why the equations have no solution in closed form, or None if they have one.
+    """Return the reason why CasADi cannot solve the equations in closed form here, or None if it can.
 
     Raises:
         TypeError: a force is of a kind that the function `loads` of `mechanism/model.py` cannot express.

@@ -14,7 +14,7 @@ from gauss_bench.terms import Array
 LINEAR = ("qr", "lsqr", "symbolicqr", "csparse", "lapacklu", "lapackqr", "mumps", "ma27")
 SUNDIALS = {"abstol": 1e-8, "reltol": 1e-6, "max_num_steps": 10000, "max_multistep_order": 5, "newton_scheme": "direct"}
 STEPS = {"number_of_finite_elements": 20}
-ASSUMED: dict[str, dict[str, Any]] = {  # integrator -> option -> the value that may be its default
+ASSUMED: dict[str, dict[str, Any]] = {  # integrator -> option -> the default that is expected
     "cvodes": SUNDIALS | {"linear_multistep_method": "bdf", "nonlinear_solver_iteration": "newton"},
     "idas": SUNDIALS | {"suppress_algebraic": False, "cj_scaling": False},
     "rk": STEPS,
@@ -57,7 +57,7 @@ def make_accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
     loads = [x for bar in FOUR_BAR for x in (0.0, bar.mass * GRAVITY, 0.0)]
 
     def place_on_bar(k: int, distance: float) -> Any:
-        """Return the place (2,) of the point of bar k at a distance [m] from its first pin."""
+        """Return the position (2,) of the point of bar k at a distance [m] from the bar's first pin."""
         along = distance - FOUR_BAR[k].centre
         return ca.vertcat(q[3 * k] + along * ca.cos(q[3 * k + 2]), q[3 * k + 1] + along * ca.sin(q[3 * k + 2]))
 
@@ -76,7 +76,8 @@ def defaults() -> dict[str, str]:
     """Return name -> finding for the plugins and default options of the installed release of CasADi.
 
     For each available plugin the finding is "there". For each option of an integrator it is "acts as X" if a run without the option
-    equals a run with the option's value X in ASSUMED, and otherwise "acts otherwise than X".
+    equals a run with the option's value X in ASSUMED, and otherwise "acts otherwise than X". A further finding for each integrator
+    is its number of steps and of evaluations, if it counts them.
     """
     import casadi as ca
 
@@ -97,7 +98,7 @@ def defaults() -> dict[str, str]:
 def integrate(ca: Any, name: str, options: dict[str, Any]) -> tuple[list[int], list[float]]:
     """Integrate van der Pol's oscillator over 5 s; return the counts of steps and evaluations, and the state (2,) at the end.
 
-    Runs show the defaults. The built-in documentation does not: before release 3.7 it is that of much older releases.
+    Runs show the defaults. CasADi's built-in documentation does not: before 3.7 it is that of much older releases.
     """
     x = ca.SX.sym("x", 2)
     ode = ca.vertcat(x[1], (1 - x[0] ** 2) * x[1] - x[0])

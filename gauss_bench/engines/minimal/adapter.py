@@ -4,7 +4,7 @@ The positions of the links follow from the coordinate, one pair of links (dyad) 
 positions, which a sign distinguishes; the signs of all dyads are the branch of the linkage. The opening of a dyad measures how far
 it is from its dead centre, where the coordinate no longer determines the motion. The equation is generated for the cheapest
 coordinate whose dyads stay away from their dead centres during the whole motion. If there is none, the coordinate changes during a
-run: when the opening of a dyad falls below `least`, the coordinate and branch with the largest openings replace the present ones.
+run: when the opening of a dyad falls below `least`, the coordinate whose smallest opening is largest replaces the present one.
 """
 
 from dataclasses import dataclass
@@ -30,11 +30,11 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 ADAPTIVE = "dop853"
-# The opening of a dyad is the sine or cosine of an angle, which is zero at the dead centre.
+# The opening of a dyad is the sine or cosine of an angle, or a length relative to its largest value; it is 0 at the dead centre.
 STATES = 64  # number of states of the motion at which the openings of the dyads are evaluated
 STEADY = 0.15  # least opening, about 9 degrees from a dead centre, of a coordinate that is used over the whole motion
-CHANGE = 0.35  # opening at which another coordinate replaces the present one: nearer to dead centres steps would have to be smaller
-NARROW = 0.02  # opening below which no coordinate is used: the run ends if no coordinate has a larger one
+CHANGE = 0.35  # largest opening at which another coordinate replaces the present one: nearer to dead centres, steps must be smaller
+NARROW = 0.02  # opening below which no coordinate is used: the run ends if no coordinate has a larger opening
 AGREEMENT = 1e-8  # relative, of accelerations: rounding and the closure of the states cause about 1e-10, a wrong term about 1
 CHECKED = 4  # number of states at which a generated equation is compared with the linkage
 
@@ -131,7 +131,7 @@ class MinimalModel:
     Attributes:
         sequences: the dyad sequences, one for each possible choice of the independent coordinate.
         sampled: sampled states of the linkage's motion.
-        scales: for each sequence an array (dyads,) by which the openings are divided, so that the largest is 1.
+        scales: for each sequence an array (dyads,) by which openings are divided: the largest length of an RPR dyad, else 1.
         signs: for each sequence the signs (states, dyads) of the openings at the sampled states.
         smallest_openings: (sequences, states) smallest opening of the dyads, after division by `scales`, at each sampled state.
         steady: indices of the sequences whose openings stay above STEADY at all sampled states; each serves for the whole motion.
@@ -149,7 +149,7 @@ class MinimalModel:
         self.sampled, self.start_angles = manifold_states(mechanism, STATES), angles(mechanism.q0)
         links = Links.of(self.sampled.q, self.sampled.v)
         openings = [sequence.openings(links) for sequence in self.sequences]  # (states, dyads) of each sequence
-        # Openings of RRR and RRP are sines and cosines. That of RPR is a length, which is divided by its largest value.
+        # Openings of RRR and RRP are sines and cosines. Those of RPR are lengths, and are divided by their largest value.
         self.scales = [
             np.where([dyad.opening_is_length for dyad in sequence.dyads], np.abs(opening).max(axis=0), 1.0)
             for sequence, opening in zip(self.sequences, openings, strict=True)
@@ -158,7 +158,7 @@ class MinimalModel:
         self.smallest_openings = np.array([_smallest(x, scale) for x, scale in zip(openings, self.scales, strict=True)])
         self.steady = [k for k in range(len(self.sequences)) if self.smallest_openings[k].min() > STEADY]
         # smallest opening during the motion if, at each state, the coordinate is used whose smallest opening is largest; `least` is
-        # at most half of it, or NARROW, so that where one coordinate reaches `least`, another has larger openings
+        # NARROW or at most half of this opening, so that where one coordinate reaches `least`, another has larger openings
         best_opening = float(self.smallest_openings.max(axis=0).min())
         self.least = STEADY / 2 if self.steady else min(CHANGE, max(best_opening / 2, NARROW))
         self.equations: dict[Key, Equation] = {}
@@ -178,7 +178,7 @@ class MinimalModel:
     def _equation(self, key: Key, q: Array | None = None) -> Equation:
         """Return the equation of motion for a key (coordinate and branch); it is derived at the first call and then stored.
 
-        Its expressions are tested at sampled positions on the branch, far from dead centres, and also at q (n,) if it is given.
+        Expressions are tested for equality at sampled positions on the branch, far from dead centres, and at q (n,) if it is given.
         """
         if key not in self.equations:
             on_branch = self._states_on_branch(key)
@@ -266,10 +266,7 @@ class MinimalModel:
                 self._run_fixed(part)
 
     def _run_fixed(self, part: EqualSteps) -> None:
-        """Take the steps of one part of the run, with a constant step size and a constant number of steps between samples.
-
-        If `failure` is set, no steps are taken.
-        """
+        """Take the steps of one part of the run, with a constant step size and a constant number of steps between samples."""
         begin, h, total, done = float(self.times[part.row]), part.size, part.steps * part.samples, 0
         while done < total and not self.failure:
             machine, start = self._machine(self.present), self.y
@@ -279,7 +276,7 @@ class MinimalModel:
             # samples (k, 2n), number of steps taken before a dyad came too near to its dead centre, and the state after them
             states, steps_taken, end = machine.steps(start, begin + done * h, h, count, interval)
             end = end.copy()  # the next call overwrites the machine's memory
-            # A machine that stops early does not return the state at which it stopped as a sample, even if one is due there.
+            # a machine that stops early does not return its last state as a sample, even if a sample is due there
             stopped_at_sample = 0 < steps_taken < count and steps_taken % interval == 0
             states = np.vstack([states, end]) if stopped_at_sample else states.copy()
             self.segments.append(Segment(machine.equation, part.row + 1 + done // part.steps, start, states, end))
@@ -307,7 +304,7 @@ class MinimalModel:
                 self._change(t, course.taken)
 
     def _change(self, t: float, steps_taken: int) -> None:
-        """Replace the coordinate at time t [s] by the one that is farthest from dead centres and has not failed at this state.
+        """Replace the coordinate at time t [s] by the one farthest from dead centres, among those that have not failed there.
 
         Args:
             steps_taken: number of steps since the last change; if it is 0, coordinates that failed at this state remain excluded.
@@ -327,7 +324,7 @@ class MinimalModel:
             self.failure = f"t = {t:.6g} s: every coordinate comes too near to a dead centre in a step; a smaller step may help"
             return
         best = max(usable, key=lambda key: usable[key])
-        if best not in self.equations:  # its expressions are tested at the present position, for which whole turns do not matter
+        if best not in self.equations:  # its expressions are tested at the present position, where whole turns do not matter
             self._equation(best, LinkMotion.at(machine.equation, self.y[None]).unwrap(0.0 * self.start_angles)[0])
         spring_angles = machine.equation.spring_angles(self.y[: machine.n])
         self.y = self._machine(best).equation.state(here, spring_angles)
@@ -379,7 +376,7 @@ def _smallest(openings: Array, scale: Array) -> Array:
 
 
 def is_spring_on_sum_of_angles(load: Load) -> bool:
-    """Tell whether a load is a spring on a sum with angles, whose whole turns the equation in one coordinate does not count."""
+    """Tell whether a load is a spring on a weighted sum that includes an angle; whole turns of such sums are not counted here."""
     if not (isinstance(load, Law) and load.k and isinstance(load.coordinate, Weighted)):
         return False
     return any(isinstance(x, Angle) for x, _ in load.coordinate.terms)

@@ -67,7 +67,7 @@ class Equation:
             link_angles: link -> its angle [rad], with whole turns counted, for the links whose angles springs need.
         """
         value, rate = self.sequence.state(at)
-        # every entry is the coordinate; the loop replaces integrated angles, and a coordinate that lacks its whole turns
+        # every entry is the coordinate at first; the loop replaces integrated angles, and the coordinate if its whole turns matter
         q, v = np.full(self.program.n, value), np.full(self.program.n, rate)
         for link, (k, turn) in self.angles.items():
             q[k], v[k] = link_angles[link] - turn, at.w[link]
@@ -117,14 +117,14 @@ def write_equation(mechanism: Mechanism, sequence: DyadSequence, signs: Sequence
 
 
 class Root(NamedTuple):
-    """The root of a link, to which slides join it: the link's angle is that of the root `link` plus the constant `turn` [rad]."""
+    """The root of a link: the link to which slides fix its angle. The angle is that of `link` plus the constant `turn` [rad]."""
 
     link: int
     turn: float
 
 
 def _roots(sequence: DyadSequence) -> dict[int, Root]:
-    """Return link -> root for every link; a link that no slide joins to a link placed before it is its own root."""
+    """Return link -> root for every link; a link is its own root if no slide joins it to a link placed before."""
     roots = {GROUND: Root(GROUND, 0.0), sequence.link: Root(sequence.link, 0.0)}
     joint = sequence.joint
     if isinstance(joint, Prismatic):  # `turn` is the block's angle minus the guide's; either may be the ground
@@ -236,7 +236,7 @@ class _Motion:
             return Body(Vec(graph.cos(q), graph.sin(q)), omega=self.one, alpha=self.zero, at=sequence.moved.local, place=pin)
         if joint.guide.link == GROUND:
             turn, along = joint.turn, _unit(graph, joint.angle)
-        else:  # the guide moves, in the direction opposite to that of the block in it
+        else:  # the guide moves opposite to the motion of the block relative to the guide
             turn = -joint.turn
             along = _unit(graph, joint.angle + turn) * -1.0
         position = _constant(graph, *sequence.fixed.local) + along * q + cross(joint.offset, along)
@@ -300,8 +300,8 @@ class _Motion:
 
             B = A + x u + y n = R + s u + height n
 
-        The components along n of the derivatives of this equation give omega and alpha of the rod, and the component along u of the
-        first one gives `slip` = s'. `base` = R - A has the fields p, d and b: its value and its first and second derivative by q.
+        The first and second derivative of this equation, along n, give omega and alpha of the rod; the first derivative along u
+        gives `slip` = s'. `base` = R - A has the fields p, d and b: its value and its first and second derivative by q.
         """
         guide, A, R = self.bodies[dyad.line.link], self.at(dyad.first.other), self.at(dyad.line)
         u = _product(guide.e, _unit(self.graph, dyad.angle))
@@ -332,7 +332,7 @@ class _Motion:
 
             A - C = (x + i height) u,    (A - C)' = (x' - omega height) u + omega x n
 
-        The components of the first derivative along n and u give omega and `slip` = x', and that of the second along n gives alpha.
+        The first derivative, along n and along u, gives omega and `slip` = x'; the second derivative along n gives alpha.
         `base` = A - C has the fields p, d and b: its value and its first and second derivative by q.
         """
         C, A = self.at(dyad.first.other), self.at(dyad.second.other)
@@ -379,7 +379,7 @@ class _Motion:
         unit = state(law.coordinate, _Rates(self, self.one))
         rate = unit.half_square_rate if isinstance(unit, DistanceState) else unit.rate
         unit_rate = self.graph.node(rate)
-        # This product is not used here. Because the graph then has it, the rate at q' = v is recognised as the same product.
+        # not used here: once the graph has this product, the rate at q' = v is recognised as the same product
         self.graph.mul(unit_rate, self.v)
         return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law, self.graph)) * unit_rate
 

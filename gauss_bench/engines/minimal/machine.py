@@ -36,7 +36,7 @@ class Machine:
         else:
             self._code = Loaded(lambda many: rollout(bodies(code, integrator, REACHES[integrator]), many), TARGET)
         self._code.call(1)  # compiles the code for one lane, that is, for one trajectory
-        self._memories: dict[int, Single] = {}  # number of samples -> memory of a rollout with as many
+        self._memories: dict[int, Single] = {}  # number of samples -> memory of a rollout
 
     @cached_property
     def motion(self) -> Callable[[Array], list[Array]]:
@@ -89,5 +89,5 @@ class Machine:
         return states[: count_before(done, every)], done, start
 
     def course(self, y: Array, times: Array, tolerances: tuple[float, float]) -> Course:
-        """Integrate adaptively over the times (k,) [s], or until a dyad comes closer to its dead centre than its threshold."""
+        """Integrate adaptively over the times (k,) [s], or until the opening of a dyad falls below its threshold."""
         return integrate(self._code, y, np.zeros(0), times, tolerances)

@@ -5,9 +5,9 @@ and each outer joint connects one of them to a placed link. R denotes a pin and 
 
     RRR:   The outer joints are pins at A and C. The inner pin B lies on circles about A and C.
     RRP:   The outer joints are a pin at A and a slide. The inner pin B lies on a circle about A and on a line.
-    RPR:   The outer joints are pins at A and C. The line of the inner slide passes C and A at given distances from them.
+    RPR:   The outer joints are pins at A and C, at given distances from the line of the inner slide.
 
-Each dyad has two solutions (branches), of which a sign selects one. Sources: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov
+Each dyad has two solutions (branches); a sign selects one. Sources: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov
 (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
 """
 
@@ -30,7 +30,7 @@ PinPoints = Mapping[int, Point]  # the links that a pin joins -> the pin's point
 
 
 class NoSequence(ValueError):
-    """The motion of the linkage cannot be written in one coordinate by a sequence of dyads; the message gives the reason."""
+    """A sequence of dyads in one coordinate cannot describe the motion of the linkage; the message gives the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,17 +103,17 @@ class OuterJoint:
 
 @dataclass(frozen=True, eq=False)
 class Dyad:
-    """Two links that are joined to each other, and each of them to a placed link; the second link of RRP or RPR slides.
+    """Two links that are joined to each other, and each of them to a placed link; in RRP and RPR, the second link is the slider.
 
     Attributes:
         kind: "RRR", "RRP" or "RPR".
         first, second: the outer joints, which connect the two links to placed links.
-        middle: points of the inner pin B on the first link and on the second; in an RPR dyad, the pins C and A of the guide, which
-            is the first link, and of the block.
+        middle: points of the inner pin B on the first link and on the second; in an RPR dyad, the pin C of the guide (the first
+            link) and the pin A of the block.
         line: a point on the line of the slide, fixed in the link that carries this line; in an RRR dyad, the point B.
         angle: direction [rad] of the line in the frame of the link that carries it.
-        height: distance [m] of B (RRP) or of A (RPR) from the line, positive to its left; the line of an RPR dyad passes C.
-        turn: constant angle [rad] of the second link minus that of the link that carries the line.
+        height: distance [m] of B from the line (RRP), or of A from the parallel line through C (RPR), positive to the left.
+        turn: constant angle [rad] of the second link relative to the link that carries the line.
     """
 
     kind: str
@@ -164,7 +164,7 @@ class DyadSequence:
     """An input link, whose motion at its joint with the ground is the independent coordinate, and dyads of all other links.
 
     Attributes:
-        joint: the joint between the input link and the ground; its motion is the coordinate.
+        joint: the joint between the input link and the ground.
         fixed, moved: the joint's point on the ground, and its point on the input link.
         dyads: in the order in which the positions of their links are computed.
     """
@@ -176,7 +176,7 @@ class DyadSequence:
 
     @property
     def link(self) -> int:
-        """Index of the input link, whose angle or displacement relative to the ground is the independent coordinate."""
+        """Index of the input link."""
         return self.moved.link
 
     def state(self, at: Links) -> tuple[Any, Any]:
@@ -197,7 +197,7 @@ class DyadSequence:
 
 
 def find_sequences(mechanism: Mechanism) -> tuple[DyadSequence, ...]:
-    """Return a sequence of dyads for each input link from which dyads reach all other links, that of the crank first.
+    """Return a sequence of dyads for each input link from which dyads reach all other links, beginning with the crank.
 
     Raises:
         NoSequence: there is none, or an equation in one coordinate does not cover the linkage's forces or constraints.
@@ -230,7 +230,7 @@ def find_sequences(mechanism: Mechanism) -> tuple[DyadSequence, ...]:
 
 
 def close_from(mechanism: Mechanism, start_links: set[int]) -> tuple[list[Dyad], set[int]]:
-    """Return the dyads that can be placed one after another from the ground and the start links, and the links of no dyad."""
+    """Return the dyads that can be placed one after another from the ground and the start links, and the links that remain."""
     pins: dict[str, dict[int, Point]] = {}  # name of a joint, which may pin more than two links -> link -> its point
     for pin in mechanism.pins:
         for point in pin.ends:
@@ -256,7 +256,7 @@ def _find_dyad(pins: Sequence[PinPoints], slides: Sequence[Prismatic], pair: tup
     """
     link1, link2 = pair
     joints1, joints2 = (_outer_joints(pins, slides, link, placed) for link in pair)
-    # Each link must have just one joint with placed links. Only the second may have a slide, so that a pair matches in one order.
+    # Each link must have just one joint with placed links. Only the second link's may be a slide, so a pair matches in one order.
     if len(joints1) != 1 or len(joints2) != 1 or joints1[0].slide:
         return None
     first, second = joints1[0], joints2[0]
@@ -265,8 +265,8 @@ def _find_dyad(pins: Sequence[PinPoints], slides: Sequence[Prismatic], pair: tup
         slide = next((s for s in slides if {s.guide.link, s.block.link} == {*pair}), None)
         if slide is None or second.slide or slide.guide.link != link1:
             return None
-        # height: distance of the block's pin A from the line through the guide's pin C. Vectors in the guide's frame: from the
-        # block's point on the slide's line to A, and from C to the guide's point on the line.
+        # height: distance of the block's pin A from the parallel to the slide's line through the guide's pin C. Vectors in the
+        # guide's frame: from the block's point of the slide to A, and from C to the guide's point of the slide.
         to_pin = turn_vector(second.own.local - slide.block.local, slide.turn)
         to_line = slide.guide.local - first.own.local
         height = slide.offset + _left_of(slide.angle, to_pin) + _left_of(slide.angle, to_line)
@@ -280,8 +280,8 @@ def _find_dyad(pins: Sequence[PinPoints], slides: Sequence[Prismatic], pair: tup
         arm = turn_vector(middle[1].local - slide.block.local, slide.turn)
         height = slide.offset + _left_of(slide.angle, arm)
         return Dyad("RRP", first, second, middle, line=slide.guide, angle=slide.angle, height=height, turn=slide.turn)
-    # The guide is on the second link and the block on the placed one. Seen from the placed link, the line passes the block's point,
-    # and angle, offset and turn of the slide change their signs.
+    # The guide is on the second link, the block on the placed link. Seen from the placed link, the line goes through the block's
+    # point, and the slide's offset and turn change their signs.
     arm = middle[1].local - slide.guide.local  # the line moves with the second link, whose angle is known
     height = _left_of(slide.angle, arm) - slide.offset
     angle, turn = slide.angle - slide.turn, -slide.turn

@@ -1,6 +1,6 @@
 """The differences between MuJoCo's releases; only this file deals with them.
 
-up to 3.9:      The arguments of mj_fullM after the model are the matrix and data.qM; in later releases the data and the matrix.
+up to 3.9:      The arguments of mj_fullM after the model are the matrix and data.qM; in later releases, data and the matrix.
 before 4.0:     There is no integrator `discrete`.
 before 3.2.7:   The equality `connect` joins bodies only, not sites.
 before 3.1:     A diverging run is always reset to its start, because no flag prevents that.
@@ -49,7 +49,7 @@ def find_integrator(mujoco: Any, name: str) -> Any:
 
 
 def disable(mujoco: Any, model: Any, flags: Iterable[str]) -> None:
-    """Disable features, members of mjtDisableBit; those that a release does not have are left out."""
+    """Disable features, given by members of mjtDisableBit; members that a release does not have are ignored."""
     for name in flags:
         if hasattr(mujoco.mjtDisableBit, name):
             model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, name))

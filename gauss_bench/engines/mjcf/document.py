@@ -21,7 +21,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
 AGREEMENT = 1e-9  # largest relative difference of accelerations: MuJoCo computes both from the same numbers
-THICKNESS = 0.02  # thickness of a drawn bar, relative to the longest bar
+THICKNESS = 0.02  # radius of a drawn bar, relative to the length of the longest
 START = "start"  # name of the keyframe that has the mechanism's start
 INTEGRATORS = {"rk4": "RK4", "euler": "Euler"}  # engine's name -> name in MJCF, for those that differ
 
@@ -120,7 +120,7 @@ def find_bar_ends(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
 
 
 def _add_shapes(draft: Draft) -> None:
-    """Add a site at each point of a link, and a capsule that collides with nothing for each bar, sized by the longest bar."""
+    """Add a site at each point of a link, and for each bar a capsule that collides with nothing."""
     mechanism = draft.mechanism
     bars = {link: find_bar_ends(mechanism, link) for link in draft.bodies}
     longest = max((float(np.linalg.norm(b - a)) for link in bars for a, b in bars[link]), default=1.0)
@@ -137,7 +137,7 @@ def _add_shapes(draft: Draft) -> None:
 
 
 def _verify(root: Element, built: Built) -> None:
-    """Let MuJoCo read the document, and compare its accelerations with those of the built model at states near the start.
+    """Compare MuJoCo's accelerations of the document with those of the built model, at the start and at random tree states.
 
     Raises:
         RunFailure: the start state or the accelerations of the model that MuJoCo reads differ from those of the built model.

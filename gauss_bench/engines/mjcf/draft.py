@@ -33,7 +33,7 @@ class Draft:
         root: the document, with the elements `option`, `closures`, `tendons` and `actuators`.
         bodies: link -> element of its body.
         joints: index of a tree coordinate -> element of its joint.
-        torque: (n,) sum of all constant forces on tree coordinates, which MuJoCo takes from its data (qfrc_applied).
+        torque: (n,) sum of all constant forces on tree coordinates, for the field qfrc_applied of MuJoCo's data.
         steady: the constant forces on tree coordinates whose sum is `torque`.
         pushes: constant forces at points, each with its actuator.
         controls: name of a motor -> the motor's control (force); empty until `add_motors` is called.
@@ -70,7 +70,7 @@ class Draft:
         origin, angle = pose_in_parent(b, y)
         pos, quat = write_numbers(spatial(origin)), write_numbers([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])  # quaternion
         body = SubElement(self.bodies[b.parent], "body", name=self._name("body", link.name), pos=pos, quat=quat)
-        moments = write_numbers([link.inertia] * 3)  # only the last moment of inertia acts
+        moments = write_numbers([link.inertia] * 3)  # only the moment about z acts
         SubElement(body, "inertial", pos="0 0 0", mass=write_numbers(link.mass), diaginertia=moments)
         self.bodies[b.link] = body
 
@@ -120,7 +120,7 @@ class Draft:
                 self.steady.append(f)
             case Tendon(a, b, law):
                 tendon = self._add_tendon(f"{a.name} to {b.name}", a, b, write_spring(law.k, law.c, law.rest))
-                if law.bias:  # the constant part of the force law becomes an actuator without control
+                if law.bias:  # the constant part of the force becomes an actuator whose control has no effect
                     self._add_actuator((law.bias, 0.0, 0.0), tendon=tendon.attrib["name"])
             case AtSite():
                 self._add_site_force(f)

@@ -2,7 +2,7 @@
 
 Trap: MuJoCo has no prescribed motion of a joint. A driven slide, or a driven hinge on the ground, gets an armature (rotor inertia)
 A that is far larger than all masses, and the torque or force A law''(t). With the other inertia m that resists the coordinate
-theta, the error of its acceleration is about load / A, because
+theta, the error of theta'' is about (load - m law'') / A, because
 
     (A + m) theta'' = A law''(t) + load
 

@@ -8,8 +8,8 @@ A force is translated only if an element of MuJoCo expresses it exactly; otherwi
                                                           in the world, the reference site is a point of the world
     spring and damper between points:                     spatial tendon
     spring and damper on an angle or a slide:             stiffness and damping of one joint, or a fixed tendon, L = e . y + const
-    spring and damper along an axis:                      actuator with a site transmission and a reference site, and the force
-                                                          k rest - k x - c x'
+    spring and damper along an axis:                      actuator with a site transmission and a reference site, with the force
+                                                          bias + k rest - k x - c x'
 """
 
 from dataclasses import dataclass

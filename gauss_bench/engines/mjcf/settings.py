@@ -35,7 +35,7 @@ def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) 
 
 def copy_to_evaluate(mujoco: Any, model: Any) -> Any:
     """Return a copy of a compiled model whose accelerations depend only on the given state."""
-    # with the integrator `discrete` qacc is a difference of velocities; with a warm start it depends on the state evaluated before
+    # with the integrator `discrete`, qacc is a difference of velocities; with a warm start, it depends on the previous state
     still = copy.copy(model)
     still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     still.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)

@@ -1,4 +1,4 @@
-"""The adapter to MJX, which is MuJoCo's equations in JAX. MJX needs an environment of its own.
+"""The adapter to MJX, an implementation of MuJoCo in JAX, which needs an environment of its own.
 
 `xla.py` compiles MJX's functions to machine code, `adapter.py` runs them on the model of `engines/mjcf`, and `program.py` writes
 programs.

@@ -68,7 +68,7 @@ class MjxModel(TreeModel):
     library = "MJX"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Compile the model, compare it with the linkage (both without drivers), and copy it for the chosen step to the device."""
+        """Compile the model without drivers, compare it with the linkage, and then compile it with drivers for the chosen step."""
         super().__init__(mechanism, choice, Mjx.file.options(choice.settings))
         self.libraries = load_libraries()
         try:
@@ -88,7 +88,7 @@ class MjxModel(TreeModel):
         self.uploaded_step = self.choice.step
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
-        """Return what MJX computes for the open tree without drivers at a tree state y, dy (n,)."""
+        """Return MJX's quantities for the open tree without drivers at a tree state y, dy (n,)."""
         x = self.device.evaluate(y, dy)
         return OpenModel(-x.gaps[:, :2], x.mass, x.forces, positions=x.centres[self.bodies][:, :2])  # MJX's gaps are a minus b
 
@@ -102,7 +102,7 @@ class MjxModel(TreeModel):
             self._upload_for_step()
         self.models = {stretch.size: self.device.with_step(stretch.size) for stretch in self.plan}
         self.state = self.device.start(self.y0, self.dy0, float(times[0]))
-        for model in self.models.values():  # the first call compiles the loop: it must not be a timed one
+        for model in self.models.values():  # the first call compiles the loop, and so must not be timed
             self.device.take_steps(model, self.state, 0)
 
     def run(self) -> None:

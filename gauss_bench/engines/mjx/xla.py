@@ -1,7 +1,7 @@
 """MJX's functions, compiled by XLA for one processor core in double precision.
 
-The machine code is stored in the user's cache, because its compilation takes half a minute. It depends only on the dimensions of a
-model, its integrator and its solver. Step size, masses, forces and softness of closures are arguments of the compiled functions, so
+The machine code is stored in the user's cache, because its compilation takes half a minute. The code depends only on a model's
+dimensions, integrator and solver. Step size, masses, forces and softness of closures are arguments of the compiled functions, so
 one compilation serves for all their values.
 """
 
@@ -33,7 +33,7 @@ class Libraries:
 
 
 def load_libraries() -> Libraries:
-    """Import JAX and MJX. JAX computes in double precision on one core, which must be set before it makes its first array.
+    """Import JAX and MJX, and set JAX to double precision on one core, which is possible only before its first array is made.
 
     Raises:
         ImportError: JAX, MuJoCo or MJX is not installed.
@@ -45,7 +45,7 @@ def load_libraries() -> Libraries:
 
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_enable_x64", True)
-    if folder := trusted_folder():  # the folder of the user's cache; None if others could put code into it
+    if folder := trusted_folder():  # the folder of the user's cache; None if other users could write into it
         jax.config.update("jax_compilation_cache_dir", str(folder / FOLDER))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", STORED_ABOVE)
     import mujoco
@@ -79,11 +79,10 @@ def make_functions(jax: Any, mjx: Any, *, model_type: Any, state_type: Any) -> t
     """Return the functions take_steps and terms for models and states of one structure; JAX compiles each on its first call.
 
     take_steps(model, state, number of steps) returns the state after the steps. terms(model, state) returns the fields of
-    `Evaluated`: acceleration, mass matrix, forces, centres of mass and gaps.
+    `Evaluated`.
 
     Both functions take a model and a state as lists of arrays, because JAX needs some milliseconds in every call to pass objects of
-    MJX's own classes. A list has the arrays of such an object in a fixed order. The object is restored from the list and from the
-    object's structure.
+    MJX's own classes. Such an object is restored from its list and its structure.
 
     Args:
         model_type, state_type: structures (JAX's PyTreeDef) of MJX's model and state: names and order of their arrays.
@@ -102,7 +101,7 @@ def make_functions(jax: Any, mjx: Any, *, model_type: Any, state_type: Any) -> t
         return list(flatten(jax.lax.fori_loop(0, count, take_step, start)))
 
     def terms(model: list[Any], state: list[Any]) -> tuple[Any, ...]:
-        """Return the fields of `Evaluated`: accelerations, mass matrix, forces, centres of mass, gaps of closures."""
+        """Return the fields of `Evaluated`, in their order."""
         mjx_model = unflatten(model_type, model)
         data = mjx.forward(mjx_model, unflatten(state_type, state))
         forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
@@ -132,10 +131,10 @@ class Device:
         self.set(model)
 
     def _put(self, x: Any) -> Any:
-        """Return numbers as an array that is committed to the device, which means that JAX may not move the array to another one.
+        """Return numbers as an array that is committed to the device, which means that JAX may not move it to another device.
 
-        Trap: `jax.numpy.array` makes arrays that are not committed. If a function gets an array that is not committed, JAX compiles
-        the function a second time, and this would happen in a timed run.
+        Trap: `jax.numpy.array` makes arrays that are not committed. If a function gets such an array, JAX compiles the function a
+        second time, and this would happen in a timed run.
         """
         return self.jax.device_put(np.asarray(x, dtype=float), self.jax.devices("cpu")[0])
 

@@ -64,9 +64,9 @@ class MujocoModel(TreeModel):
         torque: (n,) sum of the constant generalised forces.
         bodies: MuJoCo's indices of the links' bodies.
         drives: the driven coordinates.
-        varying_forces: the forces that vary with time, which Python computes.
-        last: latest time [s] at which forces are evaluated in the present stretch (sequence of equal steps): a force that jumps at
-            the end of the stretch has its value from before the jump. It is infinite before the first run.
+        varying_forces: the forces that vary with time or direction, which Python computes.
+        last: latest time [s] at which forces are evaluated in the present stretch (sequence of equal steps), so that a force that
+            jumps at the end of the stretch keeps its value from before the jump; infinite before the first run.
         complaints: the warnings of MuJoCo during a run.
     """
 
@@ -121,7 +121,7 @@ class MujocoModel(TreeModel):
         return data
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
-        """Return what MuJoCo computes for the open tree at a tree state y, dy (n,), without the constraint forces of closures."""
+        """Return MuJoCo's quantities for the open tree, without the forces of closures, at a tree state y, dy (n,)."""
         data = self.forward(y, dy)
         mass = mass_matrix(self.mujoco, self.still, data)
         forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
@@ -165,7 +165,7 @@ class MujocoModel(TreeModel):
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
         """Return a function that takes `count` steps from each of the k states q, v (k, n), by `mujoco.rollout` on one thread.
 
-        The function returns the last tree states y, dy as one array (k, 2, n).
+        The function returns the last tree states as an array (k, 2, n), with y and dy of each.
         """
         from mujoco import rollout
 

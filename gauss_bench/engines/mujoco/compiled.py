@@ -1,4 +1,4 @@
-"""Compile an MJCF document: MuJoCo's compiler resolves its defaults, classes, frames and masses."""
+"""Compile an MJCF document: MuJoCo's compiler resolves the document's defaults, classes, frames and masses."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """One evaluation of the right-hand side by MuJoCo alone: mj_forward, with sparse and with dense Jacobians.
 
-The closures have MuJoCo's default softness, which causes most of the error of its accelerations. Features that the model does not
+The closures have MuJoCo's default softness, which causes most of the error of the accelerations. Features that the model does not
 use are off. The tree has the least depth: with a deep tree, the cost of a chain of N loops grows with N^2 instead of N.
 """
 

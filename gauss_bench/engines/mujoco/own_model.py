@@ -1,8 +1,8 @@
 """Run a user's MJCF model in MuJoCo with the model's own options, and convert the result to the motion of a planar linkage.
 
-A link may be several rigidly connected bodies of MuJoCo; the first of them stands for the link. Its pose follows from MuJoCo's
-joint coordinates, even if soft closures are open. The angle theta is a sum over the hinges between the body and the world, omega
-and alpha are its rates, and r is the link's centre of mass, with the local coordinates c:
+A link may be several rigidly connected bodies of MuJoCo; the first of them stands for the link. The pose of this body follows from
+MuJoCo's joint coordinates, even if soft closures are open. The link's angle theta is a sum over the hinges between the body and the
+world, and r is the link's centre of mass, with the local coordinates c:
 
     theta = theta_0 + sum of +-(qpos - ref)
     omega = J_rotation qvel . normal
@@ -31,7 +31,7 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast", "discrete")  # as MJCF calls them
 CLOSE = 1e-10  # [m, rad] change of joint coordinates at which Newton's method has converged
 ITERATIONS = 30  # largest number of Newton's iterations
-# parts of a model that `compare_models` does not compare: the options in `opt` are compared one by one, the others change no motion
+# parts of a model that are not compared as a whole: the options in `opt` are compared one by one, and the others change no motion
 UNCOMPARED = ("opt", "signature", "paths", "text_data", "names", "stat", "vis", "nbuffer")
 
 

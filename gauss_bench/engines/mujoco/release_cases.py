@@ -1,8 +1,8 @@
 """Cases that compare MuJoCo's releases beyond the adapter's runs: equality constraints that close loops, and default options.
 
 The models of the cases are MJCF documents: every release of MuJoCo reads them, or refuses an equality that it does not know. The
-loops are closed in the reference pose, because MuJoCo takes anchors, lengths and relative poses from it. In the cases with the
-equality `weld`, the rod of the four-bar is two bodies in the same place, which the equality welds to each other.
+loops are closed in the reference pose, from which MuJoCo takes anchors, lengths and relative poses. In the cases with the equality
+`weld`, the rod of the four-bar is two bodies in the same place, which the equality joins.
 """
 
 from collections.abc import Sequence
@@ -63,7 +63,7 @@ CLOSURES = {
     "joint": Closure(COUPLED, CHAIN, f'<joint joint1="second" joint2="first" {POLYNOMIAL} {EXACT}/>'),
     "tendon of joints": Closure(COUPLED, CHAIN, f'<tendon tendon1="b" tendon2="a" {POLYNOMIAL} {EXACT}/>', FIXED),
     "tendon between sites": Closure(LENGTH, PAIR, f'<tendon tendon1="rod" {EXACT}/>', SPATIAL),
-    # two loops over different branches of the tree share a body, so that the sparse factor has columns of different descendants
+    # two loops through different branches of the tree share a body, so the columns of the sparse factor have different descendants
     "connects of branches, dense": Closure(CRANKS, THREE_CRANKS, TWO_PINS, options='jacobian="dense"'),
     "connects of branches, sparse": Closure(CRANKS, THREE_CRANKS, TWO_PINS, options='jacobian="sparse"'),
 }
