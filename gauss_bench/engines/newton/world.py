@@ -9,11 +9,11 @@ A step of h [s] from q, v uses the forces Q and the constraint Jacobian J at q, 
     J v1 = -alpha phi / h
     q1 = q + h v1
 
-One step launches some hundred kernels (compiled functions). This takes 0.1 s if Python launches them, so Warp records the launches
+One step launches hundreds of kernels (compiled functions). This takes 0.1 s if Python launches them, so Warp records the launches
 once for each h, and replays them in C++.
 
-Traps: Newton computes in single precision only. For models without shapes, Kamino reserves memory for 1000 contacts; the option
-`contacts` is a smaller number.
+Traps: Newton computes in single precision. For models without shapes, Kamino reserves memory for 1000 contacts; the option
+`contacts` sets a smaller number.
 """
 
 from collections.abc import Mapping
