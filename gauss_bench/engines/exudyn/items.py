@@ -125,15 +125,15 @@ class System:
         self._add("LoadMassProportional", markerNumber=marker, loadVector=spatial(self.mechanism.gravity))
 
     def _mark_point(self, point: Point) -> Any:
-        """Add a marker with a position at a point, and return it."""
+        """Add a marker of position at a point, and return its number."""
         return self._add("MarkerBodyPosition", bodyNumber=self.bodies[point.link], localPosition=spatial(point.local))
 
     def _mark_frame(self, link: int, local: Array) -> Any:
-        """Add a marker with a position and an orientation at the place `local` (2,) of a link, and return it."""
+        """Add a marker of position and orientation at the point `local` (2,) of a link, and return its number."""
         return self._add("MarkerBodyRigid", bodyNumber=self.bodies[link], localPosition=spatial(local))
 
     def _mark_angle(self, link: int) -> Any:
-        """Add a marker of a link's angle relative to its start, and return it."""
+        """Add a marker of a link's angle relative to the start, and return its number."""
         coordinate = 0 if link == GROUND else 2  # the ground has no angle, but its coordinates always stay zero
         return self._add("MarkerNodeCoordinate", nodeNumber=self.nodes[link], coordinate=coordinate)
 
@@ -169,7 +169,7 @@ class System:
         self._add(
             "ObjectConnectorCoordinateVector",
             markerNumbers=nodes,
-            scalingMarker0=np.zeros((1, 1)),  # Exudyn takes the number of equations from its shape
+            scalingMarker0=np.zeros((1, 1)),  # its number of rows is the number of equations
             constraintUserFunction=equation,
             jacobianUserFunction=jacobian,
         )

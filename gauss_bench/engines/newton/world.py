@@ -56,7 +56,7 @@ class World:
     def __init__(self, libraries: Libraries, mechanism: Mechanism, options: Mapping[str, Any], copies: int = 1):
         """Build the copies at the start of the linkage.
 
-        Of `options`, "alpha" is the share of a gap that a step closes, and "contacts" the largest number of contacts in each copy.
+        Option "alpha" is the share of a gap that a step closes, and "contacts" the largest number of contacts in each copy.
         """
         self.warp, self.newton = libraries.warp, libraries.newton
         common = {"up_axis": self.newton.Axis.Y, "gravity": tuple(spatial(mechanism.gravity))}

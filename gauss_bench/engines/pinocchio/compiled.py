@@ -115,7 +115,7 @@ class CompiledDynamics(ConstrainedDynamics):
                 raise RunFailure(Status.SKIP, f"Pinocchio's compiled loop has no force on {load.coordinate}")
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (n,) at a tree state y, dy (n,); the time t [s] only appears in the message of a failure."""
+        """Return the accelerations (n,) at a tree state y, dy (n,); the time t [s] appears only in the message of a failure."""
         y, dy, a = np.array(y, dtype=float), np.array(dy, dtype=float), np.empty(self.n)
         if not self.library.accelerate(self.linkage, y, dy, a):
             raise self._explain_failure(f"t = {t:.6g} s", t, y, dy)
