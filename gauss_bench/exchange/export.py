@@ -57,7 +57,7 @@ KINDS: Mapping[str, Kind] = {  # name -> kind of file; an engine with a method `
     "casadi": Kind("to_casadi", "casadi", "default", "rk4", "none", "a Python script with a CasADi function", ".py"),
     "c": Kind("to_c", "gauss-native", "default", "rk4", "projection", "a C program", ".c"),
 }
-# engines for which `to_ENGINE.py` of this folder writes programs; others may write their own (`program` in `engines/base.py`)
+# engines for which `to_ENGINE.py` of this folder writes programs; other engines may have a method `program` (`engines/base.py`)
 WRITERS = ("mujoco", "pinocchio", "exudyn", "casadi")
 OWNED = "This file is yours: whoever exported it owns it and may use, change and pass it on as they like, without conditions."
 

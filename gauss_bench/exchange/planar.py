@@ -284,7 +284,7 @@ class Flattened:
                 tables[name] = {"type": "prismatic", "guide": ends[0], "block": ends[1], "angle": guide, "block_angle": block}
 
     def _check_closure(self, name: str, a: Spot, b: Spot) -> None:
-        """Add remarks if a closure is open, or is opening, at the start; refuse one that can never close."""
+        """Add remarks if a closure is open, or is opening, at the start; refuse a closure that can never close."""
         if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
             raise self.refuse(f"closure {name}", "its points lie in different planes and can never meet")
         move_a, move_b = self.moves[a.body], self.moves[b.body]
@@ -376,7 +376,7 @@ class Flattened:
     def _relative_angle(self, a: int, b: int) -> dict[int, float]:
         """Return the angle of link b relative to link a as a weighted sum of hinge angles: hinge -> +1 or -1.
 
-        A hinge on the path from the world to a and also on that to b turns both links, so its angle cancels in the relative angle.
+        A hinge on both paths, from the world to a and to b, turns both links, so its angle cancels in the relative angle.
         """
         weights: dict[int, float] = {}
         for body, sign in ((b, 1.0), (a, -1.0)):

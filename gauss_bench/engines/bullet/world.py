@@ -65,7 +65,7 @@ class World:
         return function(*arguments, **keywords, physicsClientId=self.client)
 
     def _set_damping_and_limits(self, body: int) -> None:
-        """Set the damping of all links of a Bullet multibody to the option `damping`, and its limit of joint speeds to FASTEST."""
+        """Set the damping of all links of a Bullet body to the option `damping`, and the limit of joint speeds to FASTEST."""
         damping = self.options["damping"]
         # index -1 is the base, but Bullet has one value of each number for all links and joints of the body
         self._call(self.pybullet.changeDynamics, body, -1, linearDamping=damping, angularDamping=damping)

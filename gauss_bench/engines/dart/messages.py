@@ -36,7 +36,7 @@ class Messages:
         self.file.close()
 
     def check(self) -> None:
-        """Raise RunFailure with the first line of DART's messages if it printed any."""
+        """Raise RunFailure with the first line of DART's messages, if there are any."""
         if os.fstat(self.file.fileno()).st_size:
             first = os.pread(self.file.fileno(), READ, 0).decode(errors="replace").strip().partition("\n")[0]
             raise RunFailure(Status.WARNING, f"DART: {in_a_sentence(COLOURS.sub('', first))}")

@@ -85,7 +85,7 @@ class Closure:
     damping_ratio: float = 0.0
 
     def constants(self, mass: float) -> tuple[float, float]:
-        """Return stiffness [N/m] and damping [N s/m] of a bushing on which a mass [kg] vibrates with `period` and `damping_ratio`."""
+        """Return stiffness [N/m] and damping [N s/m] of a bushing that gives a mass [kg] the `period` and `damping_ratio`."""
         frequency = 2 * np.pi / self.period  # [rad/s]
         return mass * frequency**2, 2 * self.damping_ratio * mass * frequency
 

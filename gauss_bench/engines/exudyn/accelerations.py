@@ -60,7 +60,7 @@ class Readout:
     def jacobian(self, q: Array) -> Array:
         """Return Exudyn's constraint Jacobian C_q (m, n) at q (n,)."""
         self.system.mbs.systemData.SetODE2Coordinates(q - self.system.mechanism.q0, self.current)
-        self.solver.SetSystemJacobian(np.zeros((self.n + self.m,) * 2))  # Exudyn adds to the matrix that is there
+        self.solver.SetSystemJacobian(np.zeros((self.n + self.m,) * 2))  # Exudyn adds to the matrix that is set
         # the factors 1, 0, 1 weight the derivatives with respect to positions, velocities and first-order coordinates, of which
         # there are none here; False: the constraints are those on positions
         self.solver.ComputeJacobianAE(self.system.mbs, 1.0, 0.0, 1.0, False)

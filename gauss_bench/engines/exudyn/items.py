@@ -169,7 +169,7 @@ class System:
         self._add(
             "ObjectConnectorCoordinateVector",
             markerNumbers=nodes,
-            scalingMarker0=np.zeros((1, 1)),  # its number of rows is the number of equations
+            scalingMarker0=np.zeros((1, 1)),  # Exudyn takes the number of equations from this shape
             constraintUserFunction=equation,
             jacobianUserFunction=jacobian,
         )

@@ -37,7 +37,7 @@ TURN = 5  # index of the rotation about z in a velocity or force (6,); a pose (7
 def joint_frames(joint: Joint) -> tuple[tuple[Array, float], tuple[Array, float]]:
     """Return origin (2,) [m] and angle [rad] of a joint's frame in the first link, and of its frame in the second link.
 
-    A pin lets the second frame turn about the first, and a slide lets it move along the first one's x axis.
+    A pin lets the second frame turn about the first, and a slide lets it move along the first frame's x axis.
     """
     first, second = joint.ends
     if not isinstance(joint, Prismatic):
