@@ -1,4 +1,4 @@
-"""Change the values of named attributes of an MJCF file, and leave every other byte as it is."""
+"""Set named attributes of an MJCF file, and leave every other byte as it is."""
 
 import re
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ class Tag:
 
 
 def list_tags(content: bytes, file: str) -> list[Tag]:
-    """Return the start tags of a document in the order of the file; one that is not XML in UTF-8 raises ExchangeError."""
+    """Return the start tags of a document in the order of the file; ExchangeError if it is not XML in UTF-8."""
     tags: list[Tag] = []
     open_elements: list[str] = []
     parser = expat.ParserCreate("UTF-8")
@@ -92,7 +92,7 @@ def write_settings(
     if closures and by_default:
         default = b"<equality" + write_attributes(closures) + b"/>"
         equality = [tag for tag in tags if tag.path == f"{root.path}/default/equality"]
-        # a <default/> without content cannot hold another element, so it is passed over; a document may have several <default>
+        # a document may have several <default>; a <default/> without content is passed over, because it cannot hold an element
         defaults = [x for x in tags if x.path == f"{root.path}/default" and not content[x.begin : x.end].endswith(b"/>")]
         if equality:
             texts[equality[0]] = set_attributes(content, equality[0], closures)
@@ -102,7 +102,7 @@ def write_settings(
             inserted += b"\n  <default>" + default + b"</default>"
     if inserted:
         texts[root] = content[root.begin : root.end] + inserted
-    for tag in sorted(texts, key=lambda x: x.begin, reverse=True):  # from the last, so that the places of earlier tags stay valid
+    for tag in sorted(texts, key=lambda x: x.begin, reverse=True):  # from the last, so that positions of earlier tags stay valid
         content = content[: tag.begin] + texts[tag] + content[tag.end :]
     return content
 

@@ -1,6 +1,6 @@
 """The common parts of all exports: the kinds of files, the head of every file, and the list of parts that a file leaves out.
 
-A snippet is a program for users to copy, with a shorter head: it runs a linkage in an engine, by calls of the library or of
+A snippet is a program for users to copy, with a shorter head. It runs a linkage in an engine by calls of the engine's library or of
 this package.
 """
 
@@ -50,21 +50,21 @@ class Kind:
         return self.writer != "to_mjcf"
 
 
-KINDS: Mapping[str, Kind] = {  # the kinds of files that this folder writes; every engine with a method `program` adds one
+KINDS: Mapping[str, Kind] = {  # name -> kind of file; an engine with a method `program` is a kind too
     "mujoco": Kind("to_mjcf", "mujoco", "tuned", "rk4", "none", "an MJCF model", ".xml"),
     "pinocchio": Kind("to_pinocchio", "pinocchio", "default", "rk4", "none", "a Python script", ".py"),
     "exudyn": Kind("to_exudyn", "exudyn", "tuned", "generalized_alpha", "none", "a Python script", ".py"),
     "casadi": Kind("to_casadi", "casadi", "default", "rk4", "none", "a Python script with a CasADi function", ".py"),
     "c": Kind("to_c", "gauss-native", "default", "rk4", "projection", "a C program", ".c"),
 }
-# engines for which `to_ENGINE.py` of this folder writes programs; others may write their own (`program` in `engines/base.py`)
+# engines for which `to_ENGINE.py` of this folder writes programs; other engines may have a method `program` (`engines/base.py`)
 WRITERS = ("mujoco", "pinocchio", "exudyn", "casadi")
 OWNED = "This file is yours: whoever exported it owns it and may use, change and pass it on as they like, without conditions."
 
 
 @dataclass(frozen=True)
 class Exported:
-    """The text of a file that is not written yet, and a phrase for each part of the linkage that the text leaves out."""
+    """The text of a file to be written, and a phrase for each part of the linkage that the text leaves out."""
 
     text: str
     left_out: tuple[str, ...]
@@ -151,13 +151,13 @@ def can_export(engine: str, integrator: str, stabilization: str, code: str = "")
     """Tell whether an exported program can use this integrator and stabilisation; `code` is the value of CasADi's option."""
     if engine == "pinocchio":  # the suite's own projection is not a part of scripts
         return stabilization != "projection"
-    if engine == "casadi":  # a script integrates by CVODES, or in CasADi's virtual machine, and never as compiled C
+    if engine == "casadi":  # a script integrates by CVODES or in CasADi's virtual machine, never by compiled C
         return stabilization == "none" and (integrator.startswith("cvodes") or code == "virtual machine")
     return True
 
 
 def write_snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, until: float, remarks: tuple[str, ...]) -> str:
-    """Return a Python program that runs a linkage: by an engine's library alone if it is one of WRITERS, else by this package.
+    """Return a Python program that runs a linkage: by the library of an engine in WRITERS, or by this package.
 
     Args:
         linkage, until: name or file of the linkage, and end time of the run [s], for a program that calls this package.

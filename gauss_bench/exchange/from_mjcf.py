@@ -36,7 +36,7 @@ def from_mjcf(root: Element, path: Path) -> Spatial:
 
 
 def make_reader(compiler: Callable[[], Compiled], path: Path) -> "Reader":
-    """Return a reader of the file at `path`, which `compiler` lets MuJoCo compile.
+    """Return a reader of the file at `path`; `compiler` returns MuJoCo's compiled model of the file.
 
     Raises:
         ExchangeError: MuJoCo rejects the file.
@@ -48,12 +48,12 @@ def make_reader(compiler: Callable[[], Compiled], path: Path) -> "Reader":
 
 
 class Reader(FileReader):
-    """A reader of an MJCF document that MuJoCo has compiled; its methods raise ExchangeError for what a linkage cannot have.
+    """A reader of a compiled MJCF document; its methods raise ExchangeError for elements that a linkage cannot have.
 
     Attributes:
         model: MuJoCo's compiled model of the document; its fields have MuJoCo's names.
         data: MuJoCo's data, with the poses of all bodies and sites when every joint coordinate is at its reference.
-        names: kind of element in MuJoCo's terms, such as "jnt" -> names of all elements of the kind, "" for one without a name.
+        names: kind of element in MuJoCo's terms, such as "jnt" -> names of all elements of the kind, or "" for an unnamed element.
         disabled: names of MuJoCo's flags that are switched off.
         dropped: phrases that name the elements which the import leaves out.
         key: index of the keyframe from which the linkage starts.
@@ -247,8 +247,8 @@ class Reader(FileReader):
 
         MuJoCo's force is F = gain u + b0 + b1 L + b2 dL/dt along the length L = g x of the transmission, where g is the gear and x
         the coordinate of a joint, tendon or site. The power F dL/dt is g F dx/dt, so the generalised force that acts on x is g F.
-        The control u is that of the keyframe, or 0 without a keyframe. MuJoCo limits u to a range, and also the force F; a linkage
-        file can express a limited F only if F is constant.
+        The control u is that of the keyframe, or 0 without a keyframe. MuJoCo may limit u and F to ranges; a linkage file has
+        a limited F only if F is constant.
         """
         m, element, name = self.model, self.describe("actuator", k, "actuator"), self.name("actuator", k)
         gain = self.compiled.word("mjtGain", m.actuator_gaintype[k])
@@ -290,7 +290,7 @@ class Reader(FileReader):
 
         Args:
             element: tag and name of the actuator, for messages.
-            site, reference: indices of the site at which the force acts, and of its reference site; -1 if it has none.
+            site, reference: indices of the site at which the force acts, and of its reference site, or -1 without one.
             gear: (6,) the direction in axes of the reference site (else of the site itself), and the torque, which must be zero.
         """
         if gear[3:].any():

@@ -1,6 +1,6 @@
 """Import of URDF: convert a tree of links to a spatial mechanism. Elements that a linkage cannot have are refused.
 
-A link without inertia is a frame of the link to which it is fixed. URDF cannot close loops, so a user gives the closures as
+A link without mass is a frame of the link to which it is fixed. URDF cannot close loops, so a user gives the closures as
 LINK.FRAME=LINK.FRAME, where FRAME is a link fixed to LINK, a joint at LINK, or LINK itself.
 """
 
@@ -27,7 +27,7 @@ READ = {  # tag -> tags in it that are read
 
 
 class Robot(FileReader):
-    """A reader of a document that `read_xml` has accepted; its methods raise ExchangeError for what a linkage cannot have.
+    """A reader of a URDF that `read_xml` has accepted; its methods raise ExchangeError for elements that a linkage cannot have.
 
     Attributes:
         links, joints: name -> element.
@@ -158,9 +158,9 @@ class Robot(FileReader):
         if not pairs:
             return "--close LINK.FRAME=LINK.FRAME closes a loop, where FRAME is a link fixed to LINK, a joint at it, or LINK itself"
 
-        # authors add frames where links are joined, so pairs of frames are preferred, and among them the nearest pair
+        # authors add frames where links are joined: prefer pairs of frames, and the nearest of these pairs
         def rank(pair: tuple[tuple[str, str], tuple[str, str]]) -> tuple[int, float]:
-            """Return how many of the two ends are moving links, and not frames fixed to a link, and the ends' distance [m]."""
+            """Return the number of ends that are moving links, not frames fixed to a link, and the distance [m] of the two ends."""
             a, b = (bodies[self.index[frame]].origin for _, frame in pair)
             return sum(link == frame for link, frame in pair), float(np.linalg.norm(a - b))
 

@@ -1,4 +1,4 @@
-"""A user's MJCF file as an engine, which steps MuJoCo's model of the unchanged file, and the linkage that the file describes."""
+"""An engine that steps MuJoCo's model of a user's MJCF file, and the linkage that this file describes."""
 
 import json
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ def splice_includes(root: Element, path: Path, folder: Path, seen: set[Path]) ->
 
 
 def locate_links(flattened: Flattened, mechanism: Mechanism) -> LinkMap:
-    """Return how the poses of a mechanism's links follow from the state of MuJoCo's model, from which it was made."""
+    """Return how the poses of a mechanism's links follow from the state of the MuJoCo model that was imported."""
     spatial, plane = flattened.spatial, flattened.plane
     # angles of the links = angles when all joint coordinates are zero + turns @ joint coordinates; a slide has a column of zeros
     turns = np.zeros((len(flattened.links), len(spatial.joints)))
@@ -70,7 +70,7 @@ class OwnLinkage:
     Attributes:
         document: tables of the linkage file.
         flattened: the mechanism of the file in its plane, from which the document was made.
-        key: number of the keyframe at which the linkage starts.
+        key: index of the keyframe at which the linkage starts.
     """
 
     document: dict[str, Any]

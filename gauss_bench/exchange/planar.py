@@ -28,9 +28,9 @@ from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.terms import Array
 
 FLAT = 1e-9  # largest sine of an angle out of the plane, or offset relative to the mechanism's size, that is taken as rounding
-SAME = 1e-12  # [m] distance below which two points of a link are the same
+SAME = 1e-12  # [m] distance up to which two points of a link are the same
 OPEN = 1e-6  # gap relative to the mechanism's size above which a loop is reported as open
-DURATION = 5.0  # [s] duration of the scenario, because the files give none
+DURATION = 5.0  # [s] duration of the scenario, because model files have none
 SCENARIO = "as_imported"
 Table = dict[str, Any]
 
@@ -75,7 +75,7 @@ class Move:
 
         Args:
             axis, anchor: direction of a slide and pivot of a hinge in the plane, before both bodies are displaced.
-            sign: 1 if a hinge turns about the plane's normal, -1 if it turns against it.
+            sign: 1 if a hinge's axis has the direction of the plane's normal, else -1.
         """
         change = joint.start - joint.ref
         if joint.kind == "slide":
@@ -223,7 +223,7 @@ class Flattened:
         if not inertia > 0:
             raise self.refuse(f"body {bodies[0].name}", "has no moment of inertia about the plane's normal")
         table: Table = {"points": {key: pair(x) for key, x in points.items()}}
-        # bars join the points in order, without a point that lies at the place of the one before
+        # bars join the points in order; a point at the same place as the one before gets none
         names = list(points)
         ends = names[:1] + [b for a, b in pairwise(names) if abs(points[b] - points[a]) > SAME]
         if len(ends) > 1:
@@ -284,7 +284,7 @@ class Flattened:
                 tables[name] = {"type": "prismatic", "guide": ends[0], "block": ends[1], "angle": guide, "block_angle": block}
 
     def _check_closure(self, name: str, a: Spot, b: Spot) -> None:
-        """Add remarks if a closure is open, or is opening, at the start; refuse one that can never close."""
+        """Add remarks if a closure is open, or is opening, at the start; refuse a closure that can never close."""
         if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
             raise self.refuse(f"closure {name}", "its points lie in different planes and can never meet")
         move_a, move_b = self.moves[a.body], self.moves[b.body]
@@ -333,7 +333,7 @@ class Flattened:
                 return self._write_push(force)
 
     def _write_on_angle(self, name: str, joints: dict[int, float], law: LinearLaw) -> list[Table]:
-        """Return the tables of the linkage file for a force law on a weighted sum of hinge angles; none if welds lock all."""
+        """Return tables of the linkage file for a force law on a weighted sum of hinge angles; none if welds lock all hinges."""
         if self.locked.issuperset(joints):
             return []
         a, b, sign = self._find_angle(name, {k: weight for k, weight in joints.items() if weight and k not in self.locked})
@@ -342,7 +342,7 @@ class Flattened:
         if law.c > 0 and not law.k and joint is not None:
             tables.append({"type": "joint_damping", "joint": joint, "c": law.c})
         elif law.k or law.c:
-            at_refs = sum(weight * self.spatial.joints[k].ref for k, weight in joints.items())  # the sum, as the file has it
+            at_refs = sum(weight * self.spatial.joints[k].ref for k, weight in joints.items())  # sum in the file's configuration
             links = [self.names[a], self.names[b]]
             # the angle of frame b relative to frame a, when the sum of hinges has the value law.rest
             (_, angle_a), (_, angle_b) = self.frames[a], self.frames[b]
@@ -376,7 +376,7 @@ class Flattened:
     def _relative_angle(self, a: int, b: int) -> dict[int, float]:
         """Return the angle of link b relative to link a as a weighted sum of hinge angles: hinge -> +1 or -1.
 
-        A hinge on the path from the world to a and also on that to b turns both links, so its angle cancels in the relative angle.
+        A hinge on both paths, from the world to a and to b, turns both links, so its angle cancels in the relative angle.
         """
         weights: dict[int, float] = {}
         for body, sign in ((b, 1.0), (a, -1.0)):
@@ -418,8 +418,8 @@ class Flattened:
             raise self.refuse(force.name, "a force out of the plane")
         link, law = self.link_of[force.frame], force.law
         point, origin = self.add_point(force.point), None if force.origin is None else self.add_point(force.origin)
-        # hinge -> sign, for the axis and for the body of the point. If a hinge turns the axis, but not this body, the body of the
-        # axis needs a torque against the moment of a force that depends on the motion.
+        # hinge -> sign, for the body of the axis and the body of the point. If a hinge turns the first body, but not the second,
+        # the first needs a torque against the moment of a force that depends on the motion.
         axis_hinges, point_hinges = self._relative_angle(WORLD, link), self._relative_angle(WORLD, self.link_of[force.point.body])
         turns_with = axis_hinges.items() <= point_hinges.items()
         if (law.k or law.c) and (origin is None or not turns_with):
@@ -467,7 +467,7 @@ class Flattened:
         across = float(gravity @ self.plane.normal)
         if abs(across) > FLAT * max(1.0, float(np.linalg.norm(gravity))):
             self.remarks.append(f"gravity across the plane ({across:.4g} m/s^2), which moves nothing in it")
-        places, angles = Table(), Table()  # a point and the angle of every link at the start, from which the joints are closed
+        places, angles = Table(), Table()  # position of a point and angle of every link before the joints are closed
         for link in self.links:
             point, local = next(iter(self.points[link].items()))
             places[f"{self.names[link]}.{point}"] = pair(self.moves[link].place(self.to_plane(link, local)))
@@ -531,7 +531,7 @@ def find_plane(spatial: Spatial) -> Plane:
     first = (hinges or slides)[0]
     if hinges:
         normals = [first.axis]
-    else:  # the first slide and another slide, or gravity, or an axis of the world span the plane
+    else:  # the plane is spanned by the first slide and another slide, gravity or an axis of the world
         normals = [np.cross(first.axis, x) for x in (*(j.axis for j in slides[1:]), spatial.gravity, *np.eye(3))]
     normal = next(x / np.linalg.norm(x) for x in normals if np.linalg.norm(x) > FLAT)
     for joint in hinges:
@@ -540,7 +540,7 @@ def find_plane(spatial: Spatial) -> Plane:
     for joint in slides:
         if abs(joint.axis @ normal) > FLAT:
             raise spatial.refuse(f"joint {joint.name}", f"slides out of the plane that {first.name} moves in: not planar")
-    # x and y are near to the two axes of the world that are farthest from the normal: x is the projection of the first of them
+    # x and y are near the two axes of the world that are farthest from the normal; x is the projection of the first of these
     first_axis, second_axis = np.delete(np.eye(3), np.argmax(np.abs(normal)), axis=0)
     exact = np.where(np.abs(normal) < SAME, 0.0, normal)  # so that no rounding tilts x and y against axes of the world
     normal = exact / np.linalg.norm(exact)

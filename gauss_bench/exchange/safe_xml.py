@@ -10,8 +10,8 @@ from xml.parsers import expat
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.untrusted import read_bytes
 
-MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100  # largest file, most elements, deepest nesting
-NUMBERS = 1 << 24  # most numbers that MuJoCo may allocate for short attributes: as many as a picture of 4096 by 4096 has
+MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100  # limits: bytes of a file, elements, depth of nesting
+NUMBERS = 1 << 24  # limit of the numbers that MuJoCo allocates for a model: the pixels of a picture of 4096 by 4096
 COUNTS = (  # attributes of one element; MuJoCo allocates as many numbers as the product of their values
     "nrow ncol",
     "width height",
@@ -49,7 +49,7 @@ def read_xml(path: Path) -> Element:
 
 
 def _inspect(content: bytes, path: Path) -> None:
-    """Raise ExchangeError, with the line number, for content that is refused. No tree is built: a hostile file takes no memory."""
+    """Raise ExchangeError, with the line number, for refused content. No tree is built, so a hostile file needs little memory."""
     parser = expat.ParserCreate()
     elements = depth = 0
 
@@ -118,7 +118,7 @@ def refuse_bulk(root: Element, path: Path) -> None:
 
 
 def _list_arrays(node: Element, elements: float) -> Iterator[tuple[list[str], float]]:
-    """Yield, for each array whose size attributes of a node give, the names of these attributes and the length of the array.
+    """Yield, for each array that MuJoCo sizes by attributes of a node, the names of these attributes and the array's length.
 
     `elements` is the number of elements in the document.
     """
@@ -156,7 +156,7 @@ def _count_arena(key: str, value: str) -> float:
 
 
 def _read_largest(text: str) -> float:
-    """Return the largest of the numbers in a text, but at least 1; 1 for a text with anything else, which MuJoCo refuses."""
+    """Return the largest number in a text, but at least 1; also 1 if the text has anything but numbers, which MuJoCo refuses."""
     try:
         return max((x for x in map(float, text.split()) if x > 1), default=1.0)
     except ValueError:

@@ -21,7 +21,7 @@ PROGRAMS.filters |= {"python": python, "comment": python_comment, "c_comment": c
 
 
 def write_program(template: str, mechanism: Mechanism, choice: Choice, head: list[str], **variables: Any) -> str:
-    """Return the text of a program, from a file in templates/; `variables` are those that this template alone uses."""
+    """Return the text of a program, from a file in templates/; `variables` are those that the other templates do not share."""
     common = {"mechanism": mechanism, "choice": choice, "head": head, "samples": SAMPLES, "laws": write_laws(mechanism)}
     common |= {"names": coordinates(mechanism), "rates": rates(mechanism), "title": TITLE, "plan": PLAN, "main": MAIN}
     return PROGRAMS.get_template(template).render(**common, **variables)

@@ -59,7 +59,7 @@ def make_unique(base: str, taken: Collection[str]) -> str:
 
 
 def make_identifiers(names: Iterable[str], reserved: str) -> Mapping[str, str]:
-    """Return name -> identifier that C and Python accept; no identifier occurs twice or among the words of the text `reserved`."""
+    """Return name -> identifier that C and Python accept; no identifier occurs twice or is a word in the text `reserved`."""
     by_name: dict[str, str] = {}
     taken = set(reserved.split())
     for name in names:

@@ -50,11 +50,11 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
 
 def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
-    """Return a kernel whose first choice of independent coordinates, the only one of a program, is valid for the whole motion.
+    """Return a kernel whose first choice of independent coordinates, the only one in a program, is valid for the tested motion.
 
     Raises:
         KernelError: no code can be generated for the linkage.
-        RunFailure: no single choice of independent coordinates is valid for the whole motion.
+        RunFailure: no single choice of independent coordinates is valid for the tested motion.
     """
     from gauss_bench.compiler.elimination.program import partitions
     from gauss_bench.compiler.kernel import KernelError, compile_kernel
@@ -72,7 +72,7 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
             continue
         if find_end(other, mechanism, choice) is None:
             return other
-    # `end` is the time at which a pivot of the first choice vanished; it is NaN if none did, so that the step may be too long
+    # `end` is the time at which a pivot of the first choice vanished; if it is NaN, none did, and the step may be too long
     reason = "a file has one choice of independent coordinates, and this motion needs another on its way"
     remark = f", at t = {end:.3g} s for any step" if np.isfinite(end) else ", or a shorter step"
     raise RunFailure(Status.SKIP, f"{reason}{remark}")

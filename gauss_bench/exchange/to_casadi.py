@@ -17,7 +17,7 @@ METHODS = {
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the script.
+    """Return a Python script that simulates the mechanism with CasADi.
 
     Raises:
         RunFailure: a script for CasADi cannot be written with this integrator or stabilisation.

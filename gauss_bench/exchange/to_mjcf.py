@@ -12,7 +12,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """Return the text of the MJCF document.
 
     Raises:
-        RunFailure: MJCF cannot hold the mechanism.
+        RunFailure: MJCF cannot express the mechanism.
         ImportError: MuJoCo is not installed.
     """
     from gauss_bench.engines.mjcf.document import START, write_document
@@ -36,7 +36,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
 
 def describe_controls(root: Element, mechanism: Mechanism, controlled: Collection[str]) -> list[str]:
-    """Return sentences on the motors of a document, which express the forces `controlled`, and on all other forces."""
+    """Return sentences on a document's motors and on forces that no control changes; motors express the forces `controlled`."""
     actuators, key = root.findall("actuator/*"), root.find("keyframe/key")
     controls = [] if key is None else [float(x) for x in key.get("ctrl", "").split()]
     slides = {joint.get("name") for joint in root.iter("joint") if joint.get("type") == "slide"}

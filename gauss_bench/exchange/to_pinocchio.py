@@ -36,7 +36,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """Return a Python script that simulates the mechanism with Pinocchio.
 
     Raises:
-        RunFailure: Pinocchio rejects the model, the model differs from the linkage, or a driver prescribes a length.
+        RunFailure: Pinocchio rejects the model, the model differs, a driver prescribes a length, or projection is chosen.
         ImportError: Pinocchio is not installed.
     """
     from gauss_bench.engines.pinocchio.adapter import PinocchioModel

@@ -1,12 +1,12 @@
-"""Phrases that name the elements of a model file that cannot be written into a linkage file."""
+"""Name the elements of a model file that cannot be written into a linkage file."""
 
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-SHOWN = 20  # most names in a sentence, and most sentences, because a linkage file repeats them and is limited to 1 MiB
-LONGEST = 60  # most characters of a name
+SHOWN = 20  # limit of names in a sentence, and of sentences, which a linkage file of at most 1 MiB repeats
+LONGEST = 60  # limit of characters of a name
 FIELDS = tomllib.loads((Path(__file__).parent / "mjcf.toml").read_text(encoding="utf-8"))
 
 

@@ -1,5 +1,5 @@
-"""The adapter to Bullet, through the Python package PyBullet, whose wheel is made for one version of Python.
+"""The adapter to Bullet, through the Python package PyBullet, whose wheel needs CPython 3.11.
 
-`world.py` builds a linkage in Bullet, `translate.py` sorts its forces, `accelerations.py` finds accelerations from the velocities
-before and after a step, `adapter.py` runs the linkage, and `program.py` writes programs.
+`world.py` builds a linkage in Bullet, `translate.py` computes the forces on it, `accelerations.py` finds accelerations from the
+velocities before and after a step, `adapter.py` runs the linkage, and `program.py` writes programs.
 """

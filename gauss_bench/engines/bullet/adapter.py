@@ -1,9 +1,9 @@
-"""Bullet, through PyBullet: a tree of Featherstone's joints or free bodies, closed by point-to-point constraints on velocities.
+"""Bullet, through PyBullet: a tree of joints (Featherstone's method) or free bodies, closed by point constraints on velocities.
 
 A step follows the semi-implicit Euler method: the forces at the beginning of the step and the impulses that keep loops closed give
 the new velocities, and these give the new positions. Bullet finds the impulses one by one, in many rounds (sequential impulses, a
-projected Gauss-Seidel method), or by Dantzig's direct method. The constraints hold for the new velocities at the old positions, so
-at the new positions the velocities of a run miss them by the change over one step.
+projected Gauss-Seidel method), or by Dantzig's direct method. The new velocities satisfy the constraints at the old positions, and
+violate those at the new positions by an error in proportion to the step.
 """
 
 from collections.abc import Mapping, Sequence
@@ -88,7 +88,7 @@ def step_through(
     Args:
         laws: index of a driven joint -> its motion law.
         plan: stretches of equal steps: begin [s], number of steps, their length [s], `last` [s], and the index of the sample at the
-            end of the stretch, or None. No force is evaluated later than `last`, just before a jump of a force.
+            end of the stretch, or None. No force is evaluated later than `last`; if a force jumps, `last` is just before the jump.
     """
     x_samples, dx_samples = samples
     # Constant forces on a tree need no evaluation between steps. The state of free bodies is read at every step in any case,
@@ -131,7 +131,7 @@ class JointModel(TreeModel):
         self.forces, self.evaluator = joint_forces(mechanism, self.tree), Evaluator(mechanism)
         self.laws = {joint: driver.law for joint, driver in drivers_by_coordinate(mechanism, self.tree).items()}
         open_tree = self._make_world(UNDAMPED, closed=False)
-        open_tree.set_step(1.0)  # the open tree's velocities change in proportion to the step: its length causes no error
+        open_tree.set_step(1.0)  # the open tree's velocities change in proportion to the step, so no step is too long
 
         def describe(y: Array, dy: Array) -> OpenModel:
             """Return the gaps of the loops, and Bullet's accelerations of the open tree, at t = 0 and a tree state y, dy (n,)."""
@@ -186,7 +186,7 @@ class FreeBodies(BodyModel):
         world.set_step(SHORT)  # short, because Bullet turns no rigid body by more than a quarter of a turn in a step
         world.put(q, v)
         world.step(self.forces(0.0, q, v).tolist())
-        # Bullet's force is mass times change of velocity over the step
+        # Bullet's force: the mass times the change of velocity, divided by the step
         exerted = self.evaluator.mass * (world.state()[1] - v) / SHORT
         expected = self.evaluator.applied.generalised(q, v, 0.0)
         require_agreement({"forces on free bodies": (exerted, expected, size(expected))}, AGREEMENT)
@@ -194,7 +194,7 @@ class FreeBodies(BodyModel):
         self.accelerations = Accelerations(BodyWorld(pybullet, mechanism, {**self.options, **CONVERGED}), self.forces, {})
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return the accelerations (3 links,) at the state on the constraints that is nearest to q, v (3 links,)."""
+        """Return the accelerations (3 links,) at the state nearest to q, v (3 links,) that satisfies all constraints."""
         return finite_acceleration(t, self.accelerations(t, *self.evaluator.project(t, q, v)), "Bullet")
 
     def prepare(self, times: Array, native: bool = True) -> None:

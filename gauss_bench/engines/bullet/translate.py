@@ -1,12 +1,12 @@
-"""The forces that the adapter gives to Bullet.
+"""Compute the forces that the adapter gives to Bullet.
 
 Bullet has no springs, and forgets every force after a step. Therefore the adapter computes all forces in Python at the beginning of
-each step, as users of PyBullet do, and applies them as forces and torques tau of the tree's joints:
+each step, as users of PyBullet do. Free bodies get forces on the links, and a tree gets forces and torques tau in its joints:
 
     tau = constant - stiffness y - damping y' + V^T Q(q, v, t)
 
-Here V maps the rates y' of the tree coordinates y to absolute speeds, and Q are the forces that are not linear in y and y'. For a
-damper on a single joint, Bullet's own joint damping is used instead.
+V maps the rates y' of the tree coordinates y to absolute speeds, and Q are the forces on links that the other terms do not contain.
+A damper on a single joint is Bullet's own joint damping.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ Forces = Callable[[float, Array, Array], Array]  # function (t, y, dy) -> given 
 
 
 def joint_forces(mechanism: Mechanism, tree: Tree) -> GivenForces:
-    """Return all applied forces of a mechanism, except gravity; Bullet itself computes only dampers that act on a single joint."""
+    """Return all applied forces of a mechanism except gravity; those of dampers on a single joint are left to Bullet."""
     return GivenForces(mechanism, tree, lambda load: not load.k and on_one_joint(load))
 
 

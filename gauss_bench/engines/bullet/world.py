@@ -5,7 +5,7 @@ Traps of PyBullet 3.2.7, which reports none of them:
     changeDynamics     If one call sets linearDamping, angularDamping or maxJointVelocity together with mass or inertia, it sets
                        mass and inertia of the base, and frees the base. So damping and the limit of speeds are set in calls of
                        their own.
-    damping            By default, damping of 0.04 slows every link of a tree, in proportion to the link's speed and to its square.
+    damping            By default, damping of 0.04 slows every link of a tree, by terms linear and quadratic in the link's speed.
     speeds             By default, joints cannot be faster than 100 rad/s or m/s.
     motors             By default, a motor brakes every joint.
     inertias           The inertias of a body without a collision shape are zero until they are set.
@@ -65,9 +65,9 @@ class World:
         return function(*arguments, **keywords, physicsClientId=self.client)
 
     def _set_damping_and_limits(self, body: int) -> None:
-        """Set the damping of all links of a Bullet multibody to the option `damping`, and its limit of joint speeds to FASTEST."""
+        """Set the damping of all links of a Bullet body to the option `damping`, and the limit of joint speeds to FASTEST."""
         damping = self.options["damping"]
-        # -1 is the base; but Bullet keeps these numbers once for the whole body, with all its links and joints
+        # index -1 is the base, but Bullet has one value of each number for all links and joints of the body
         self._call(self.pybullet.changeDynamics, body, -1, linearDamping=damping, angularDamping=damping)
         self._call(self.pybullet.changeDynamics, body, -1, maxJointVelocity=FASTEST)
 
@@ -99,7 +99,7 @@ class Joint(NamedTuple):
     Attributes:
         parent: number of the parent joint, counted from 1; 0 is the base.
         turns: whether the joint is a hinge; otherwise it is a slide.
-        axis, origin: (3,) the joint's axis and its place [m] in the parent's frame.
+        axis, origin: (3,) the joint's axis, and its position [m] relative to the parent joint.
         centre: (3,) centre of mass of the link in the joint's frame [m].
         mass, inertia: of the link [kg], [kg m^2].
     """
@@ -116,13 +116,13 @@ class Joint(NamedTuple):
 def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
     """List Bullet's joints in the order of the tree coordinates.
 
-    At y = 0, Bullet's frames of all links are parallel, so a link such as the block of a slide has a constant angle against its
-    frame in Bullet. Points are turned by this angle here, because a quaternion in Bullet would round it. Three joints in a row
-    carry a free link: two slides without mass and a hinge.
+    At y = 0, Bullet's frames of all links are parallel, so a link such as the block of a slide is turned by a constant angle
+    relative to its frame in Bullet. Points are turned by this angle here, because a quaternion in Bullet would round it. Three
+    joints in a row carry a free link: two slides without mass and a hinge.
     """
     angles = turning(tree).constants  # (links + 1,) [rad], these constant angles; the ground's is the last, at index -1
     carriers = {GROUND: 0}  # link -> number, counted from 1, of the joint that carries the link; 0 is the base
-    origins: dict[int, Array] = {GROUND: np.zeros(2)}  # link -> its joint relative to its centre of mass, in Bullet's frame
+    origins: dict[int, Array] = {GROUND: np.zeros(2)}  # link -> vector from its centre of mass to its joint, in Bullet's frame
     joints: list[Joint] = []
     for b in tree.branches:
         mass, inertia = mechanism.links[b.link].mass, mechanism.links[b.link].inertia
@@ -163,7 +163,7 @@ class TreeWorld(World):
         for a, b in self.pins if closed else ():
             link_a, link_b = (self.body, self.carriers[a.link]), (self.body, self.carriers[b.link])
             self._close(link_a, link_b, self._pivot(a), self._pivot(b))
-        # a run calls these two at every step, so their arguments are bound once
+        # a run calls both functions at every step, so their arguments are bound once
         bound = {"bodyUniqueId": self.body, "jointIndices": self.joint_indices, "physicsClientId": self.client}
         self._push = partial(pybullet.setJointMotorControlArray, controlMode=pybullet.TORQUE_CONTROL, **bound)
         self._read = partial(pybullet.getJointStates, **bound)
@@ -212,7 +212,7 @@ class TreeWorld(World):
         return np.array([x[0] for x in states]), np.array([x[1] for x in states])
 
     def drive(self, joint: int, rate: float) -> None:
-        """Let the motor of a joint reach a speed `rate` [rad/s, m/s] within the next step."""
+        """Make the motor of a joint reach a speed `rate` [rad/s, m/s] within the next step."""
         motor = {"targetVelocity": rate, "velocityGain": 1.0, "force": self.strongest}
         self._call(self.pybullet.setJointMotorControl2, self.body, joint, self.pybullet.VELOCITY_CONTROL, **motor)
 
@@ -230,7 +230,7 @@ class TreeWorld(World):
             if link < 0:  # the ground
                 return pivot
             centre, quaternion, *_ = self._call(self.pybullet.getLinkState, self.body, link, computeForwardKinematics=True)
-            # computed here, because PyBullet's multiplyTransforms is exact to 1e-8 only
+            # computed here, because PyBullet's multiplyTransforms has errors of 1e-8
             return np.array(centre[:2]) + rotate(pivot, 2 * np.arctan2(quaternion[2], quaternion[3]))
 
         return measure_gaps(self.pins, place)
@@ -266,7 +266,7 @@ class BodyWorld(World):
             self._call(self.pybullet.resetBaseVelocity, body, spatial(speed), (0.0, 0.0, float(omega)))
 
     def state(self) -> tuple[Array, Array]:
-        """Return the absolute state q, v (3 links,); between two calls, no link may turn by half a turn."""
+        """Return the absolute state q, v (3 links,); between two calls, no link may turn by half a turn or more."""
         q, v = np.empty(3 * len(self.bodies)), np.empty(3 * len(self.bodies))
         for k, body in enumerate(self.bodies):
             place, quaternion = self._call(self.pybullet.getBasePositionAndOrientation, body)
@@ -278,7 +278,7 @@ class BodyWorld(World):
         return q, v
 
     def drive(self, joint: int, rate: float) -> None:
-        """Raise TypeError, because free bodies have no motors; `Bullet.skip` refuses driven ones."""
+        """Raise TypeError, because free bodies have no motors; `Bullet.skip` refuses drivers."""
         raise TypeError("free bodies have no motors")
 
     def step(self, forces: Sequence[float]) -> None:

@@ -1,7 +1,7 @@
 """DART: a skeleton of joints, closed by ball constraints, and stepped by the semi-implicit Euler method.
 
-An LCP on velocities gives the impulses of the constraints. A step of size h from positions y and velocities v gives y1 and v1. It
-keeps the gaps of the loops, or reduces them by the share `erp`:
+An LCP on velocities gives the impulses of the constraints. A step of size h from positions y and velocities v to y1 and v1 keeps
+the gaps of the loops, or reduces them by the share `erp`:
 
     M (v1 - v) = h f + J^T impulse,    J v1 = -erp gap / h,    y1 = y + h v1
 
@@ -22,7 +22,7 @@ from gauss_bench.terms import Array
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or factor about 1
 INSTANT = 1e-300  # [s] step so short that implicit springs and dampers give the same forces as explicit ones
 CHECK_EVERY = 100  # number of steps between two checks of DART's messages
-SHORT = (4e-5, 2e-5, 1e-5)  # [s] steps from which accelerations are found: rounding leaves 1e-11
+SHORT = (4e-5, 2e-5, 1e-5)  # [s] steps from which accelerations are found: rounding causes errors of 1e-11
 
 
 class Dart(LibraryEngine, beside=__file__):
@@ -77,8 +77,8 @@ class DartModel(TreeModel):
         self.forces = forces_of(mechanism, self.tree, self.options["joint_forces"])
         self.laws = {index: driver.law for index, driver in drivers_by_coordinate(mechanism, self.tree).items()}
         with Messages() as messages:
-            # the loops are open, because only `World.restart` adds closures; with the step INSTANT, implicit springs and dampers
-            # do not change DART's accelerations
+            # the loops are open until `World.restart` closes them; with the step INSTANT, implicit springs and dampers do not
+            # change DART's accelerations
             open_tree = World(dartpy, mechanism, self.forces, self.options, motors=False)
             open_tree.world.setTimeStep(INSTANT)
 

@@ -2,7 +2,7 @@
 
 DART's coordinates are the tree coordinates y in another order. Frames of links lie at their centres of mass. Springs and dampers
 that act on one coordinate become elements of DART, which treats them implicitly, unless the knob `joint_forces` is "explicit". The
-adapter passes all other forces to DART before each step. A driven joint uses DART's velocity actuator.
+adapter computes all other forces except gravity. A driven joint uses DART's velocity actuator.
 """
 
 from collections.abc import Mapping
@@ -77,7 +77,7 @@ class World:
         self.skeleton.setVelocities(speeds)
 
     def command(self, values: Array) -> None:
-        """Set the `values` (n,) for the next steps: the forces on tree coordinates, and the speeds of driven ones."""
+        """Set the `values` (n,) for the next steps: forces on tree coordinates, and speeds of driven coordinates."""
         ordered = np.empty_like(values)
         ordered[self.order] = values
         self.skeleton.setCommands(ordered)
@@ -103,7 +103,7 @@ class World:
         """Close the loops. Trap: a closure connects the points that coincide when it is made."""
         self.closures: list[Any] = []
         for a, b in self.pins:
-            bodies = [body for body, _ in (a, b) if body is not None]  # DART takes a single body as pinned to the world
+            bodies = [body for body, _ in (a, b) if body is not None]  # DART pins a single body to the world
             self.closures.append(self.dartpy.constraint.BallJointConstraint(*bodies, place(*a)))
             self.world.getConstraintSolver().addConstraint(self.closures[-1])
 
@@ -152,12 +152,12 @@ class World:
     def _add_springs(self) -> None:
         """Add the springs and dampers of joints.
 
-        In DART a coordinate has only one spring; its rest position is the mean of those of all springs, weighted by stiffness.
+        DART has one spring for each coordinate; it rests at the mean of all springs' rest positions, weighted by stiffness.
         """
         # preload: the sum of stiffness times rest position
         stiffness, preload, damping = np.zeros(self.tree.n), np.zeros(self.tree.n), self.forces.joint_damping
         for load in self.forces.own:
-            stiffness += load.k * np.abs(load.row)  # the row has at most one entry, 1 or -1
+            stiffness += load.k * np.abs(load.row)  # the row has at most one nonzero entry, 1 or -1
             preload += load.k * (load.rest - load.constant) * load.row
         for index, (joint, k) in self.coordinates.items():
             joint.setDampingCoefficient(k, damping[index])
@@ -166,7 +166,7 @@ class World:
                 joint.setRestPosition(k, preload[index] / stiffness[index])
 
     def _select_pgs(self, iterations: int) -> None:
-        """Make projected Gauss-Seidel (PGS), with exactly `iterations` iterations, the solver of impulses, not Dantzig's method.
+        """Let exactly `iterations` iterations of projected Gauss-Seidel (PGS) find the impulses, in place of Dantzig's method.
 
         DART's solvers have no constructor in Python, but every world has a PGS solver as its secondary solver. A world does not
         accept its own secondary solver as its primary one, so the solver is taken from a new world.

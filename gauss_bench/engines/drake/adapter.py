@@ -2,7 +2,7 @@
 
 A plant is Drake's model of a multibody system. Discrete plants take steps of a fixed size, and integrators step continuous plants.
 Only the solver SAP of discrete plants handles constraints. A continuous plant accepts a constraint, but fails at the first
-evaluation; so loops of continuous plants are closed by bushings. SAP's contact approximations kSap, kSimilar and kLagged and its
+evaluation; so loops of continuous plants are closed by bushings. The contact approximations kSap, kSimilar and kLagged and SAP's
 near-rigid threshold change no bit of a run without contacts, and kTamsi refuses constraints, so none of them is a knob.
 
 A bushing is a stiff spring and damper, so it exerts no force at a state with exactly closed loops. Drake's accelerations at such a
@@ -68,7 +68,7 @@ class Drake(LibraryEngine, beside=__file__):
 
 
 def choose_closure(tree: Tree, options: Mapping[str, Any]) -> Closure:
-    """Return the closure of the pins that are no joints of the tree, as the options say; OPEN if there are no such pins."""
+    """Return how the options close the pins outside the tree; the kind of closure is OPEN if there are none."""
     kind = options["closure"] if tree.closures else OPEN
     return Closure(kind, options["bushing_period_s"], options["bushing_damping_ratio"])
 
@@ -146,7 +146,7 @@ class DrakeModel(TreeModel):
                 divisors = [2**k for k in range(HALVINGS + 1)]
                 return settled_acceleration(lambda longest: [self._get_stepper(longest / x) for x in divisors], y, dy)
             return self._get_stepper(0.0).reported_acceleration(y, dy)
-        except RunFailure:  # is a RuntimeError too
+        except RunFailure:  # a RuntimeError too
             raise
         except RuntimeError as error:
             raise RunFailure(Status.ERROR, f"t = {t:.6g} s: Drake: {in_a_sentence(error)}") from error
@@ -190,7 +190,7 @@ class DrakeModel(TreeModel):
         if self.closure.kind != BALL:  # no closures, or bushings
             return super().read()
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
-        # index of a sample -> the simulation that took the steps to this sample; and simulation -> its plant, for evaluation
+        # index of a sample -> the simulation that took the steps to it; simulation -> its plant, for evaluation
         runners = {stretch.row: self._get_runner(stretch.size) for stretch in self.plan}
         steppers = {runner: Stepper(runner.built) for runner in {*runners.values()}}
 

@@ -1,4 +1,4 @@
-"""Steps of Drake's plants (models): simulations of runs, and accelerations that are found from steps with constraints."""
+"""Step Drake's plants (models): simulate runs, and find accelerations from steps with constraints."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -15,11 +15,11 @@ LONGEST_STEP = 0.1  # [s] limit for integrators that choose their steps, as in D
 LENGTHS = (1e-4, 4e-4)  # [s] longest step of an extrapolation; the second is tried if the first fails
 HALVINGS = 3  # number of shorter steps of an extrapolation, each half of the one before
 SETTLING = 9  # number of steps of each length
-SETTLED = 1e-3  # an extrapolation is accepted if it changes relatively by less when its shortest step is left out
+SETTLED = 1e-3  # largest relative change of an accepted extrapolation if its shortest step is left out
 
 
 class Stepper:
-    """A plant that is evaluated at given states and takes steps from them; `length` [s] is its step, 0 of a continuous plant."""
+    """A plant that is evaluated at given states and takes steps from them; `length` [s] is its step, 0 if it is continuous."""
 
     def __init__(self, built: Built):
         self.built = built
@@ -27,7 +27,7 @@ class Stepper:
         self.context = built.connect(built.system.CreateDefaultContext())
 
     def reported_acceleration(self, y: Array, dy: Array) -> Array:
-        """Return the accelerations y'' (n,) at a tree state y, dy (n,) that Drake's output port reports.
+        """Return the accelerations y'' (n,) that Drake's output port reports at a tree state y, dy (n,).
 
         A discrete plant reports the change of the speeds in the next step, divided by the step length.
         """
@@ -98,9 +98,9 @@ def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Arra
     """Return the acceleration (n,) at a tree state y, dy (n,) with closed loops, found from steps of discrete plants.
 
     A step of SAP, the solver of discrete plants, makes the velocities of both points of a closing pin equal, evaluated with the
-    positions at the beginning of the step. So the step leaves a gap at its end, and it closes half of the gap that the step before
-    left. Let D_k be the change of the speeds in step k, divided by the step length h. Its distance from the limit D(h) is halved in
-    every step, so that
+    positions at the beginning of the step. So the step leaves a gap at its end. It also closes half of the gap that the step before
+    left. Let D_k be the change of the speeds in step k, divided by the step length h. The distance of D_k from the limit D(h) is
+    halved in every step, so that
 
         D(h) = 2 D_k - D_(k-1),    a = D(0)
 
@@ -113,15 +113,15 @@ def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Arra
         steppers: longest step size [s] of LENGTHS -> plants with this step size and shorter ones, the longest first.
 
     Raises:
-        RunFailure: the extrapolation changes if the shortest steps are left out.
+        RunFailure: the extrapolation changes by more than SETTLED if the shortest step is left out.
     """
     for longest in LENGTHS:
         chosen = steppers(longest)
         pairs = [stepper.last_changes(y, dy, SETTLING) for stepper in chosen]
-        changes = [2 * last - before for before, last in pairs]  # D(h), because the distance from it halves in every step
+        changes = [2 * last - before for before, last in pairs]  # D(h)
         lengths = [stepper.length for stepper in chosen]
         acceleration = extrapolate(lengths, changes)
-        # the uncertainty: the largest change of a component if the shortest step is left out
+        # largest change of a component if the shortest step is left out
         change = float(np.abs(acceleration - extrapolate(lengths[:-1], changes[:-1])).max(initial=0.0))
         if change <= SETTLED * size(acceleration):
             return acceleration

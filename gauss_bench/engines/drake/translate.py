@@ -6,7 +6,7 @@ One of two kinds of element closes each pin that is no joint of the tree:
     bushing:    LinearBushingRollPitchYaw without torques, a stiff spring and damper, for discrete and continuous plants
 
 Drake's coordinates are the tree coordinates y in another order. Frames of links lie at their centres of mass. A force of the
-linkage on the left becomes the element or input of Drake on the right; a force that none expresses exactly is refused by name:
+linkage on the left becomes the element or input of Drake on the right; a force without an exact counterpart is refused by name:
 
     constant generalised force:                    input port of generalised forces
     spring on one hinge or slide:                  RevoluteSpring, PrismaticSpring
@@ -68,7 +68,7 @@ def explain_load_refusal(load: TreeLoad, tree: Tree, turns: Turning) -> str | No
 
 def branch_of(tree: Tree, at: int) -> Branch:
     """Return the branch that has the tree coordinate with the index `at`."""
-    return max((b for b in tree.branches if b.at <= at), key=lambda b: b.at)  # the last one that begins there or before
+    return max((b for b in tree.branches if b.at <= at), key=lambda b: b.at)  # the last branch that begins at or before this index
 
 
 @dataclass(frozen=True)
@@ -85,12 +85,12 @@ class Closure:
     damping_ratio: float = 0.0
 
     def constants(self, mass: float) -> tuple[float, float]:
-        """Return stiffness [N/m] and damping [N s/m] of a bushing on which a mass [kg] has `period` and `damping_ratio`."""
+        """Return stiffness [N/m] and damping [N s/m] of a bushing that gives a mass [kg] the `period` and `damping_ratio`."""
         frequency = 2 * np.pi / self.period  # [rad/s]
         return mass * frequency**2, 2 * self.damping_ratio * mass * frequency
 
 
-MODULES = {  # the modules of pydrake that the adapter needs; to import all of them takes some seconds
+MODULES = {  # name in the adapter -> module of pydrake
     "value": "pydrake.common.value",  # without it, ports of forces do not accept values
     "math": "pydrake.math",
     "vectors": "pydrake.multibody.math",
@@ -159,7 +159,6 @@ class Built:
         for at, damping in self.dampings.items():
             if damping.any():
                 self.joints[at].set_default_damping_vector(damping)
-        # frames of the closing pins; like bodies, they must be added before Finalize
         ends = [[(self.bodies[point.link].body_frame(), in_space(point.local)) for point in pin] for pin in closing_pins(tree)]
         self.pins = [(a, b) for a, b in ends]
         if closure.kind == BALL:
@@ -204,7 +203,7 @@ class Built:
         return measure_gaps(self.pins, lambda end: self.plant.CalcPointsPositions(context, *end, world)[:, 0])
 
     def _add_point_forces(self) -> tuple[Any, list[tuple[Any, Any]]]:
-        """Return the attributes `system` and `ports`: the plant, in a diagram with propellers if there are thrusts."""
+        """Return values for the attributes `system` and `ports`: the plant, in a diagram with propellers if there are thrusts."""
         parts, math, winds, propellers = self.drake.plant, self.drake.math, [], []
         for link, point, force in self.winds:
             wind = parts.ExternallyAppliedSpatialForce()
@@ -258,12 +257,12 @@ class Built:
         return self.plant.AddJoint(tree.PlanarJoint(name, near, far))
 
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
-        """Add the elements of a load without a refusal (`explain_load_refusal`) to the plant; store a load for an input port."""
+        """Add a load as an element of the plant, or store it for an input port; `explain_load_refusal` has accepted it."""
         tree = self.drake.tree
         match load:
             case Steady():
                 self.motors += load.value * load.force
-            case OnJoints():  # on L = row . y + constant, where the row has at most one entry, 1 or -1
+            case OnJoints():  # on L = row . y + constant, where the row has at most one nonzero entry, 1 or -1
                 for at in np.flatnonzero(load.row).tolist():
                     branch = branch_of(self.tree, at)
                     self.dampings[branch.at][at - branch.at] += load.c
@@ -311,7 +310,7 @@ class Built:
 def least_mass(J: Array, M: Array) -> float:
     """Return the least effective mass [kg] of a gap, the vector between the two points that a closing pin joins.
 
-    The effective mass in a direction is the force on both points, in opposite directions, divided by the acceleration of the gap.
+    The effective mass in a direction is the size of two opposite forces, one on each point, divided by the gap's acceleration.
     The inverse of the least effective mass is the largest eigenvalue of J M^-1 J^T.
 
     Args:

@@ -16,11 +16,11 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import RunFailure, Status
 
-DIFFERENCE = 1e-3  # [rad, m] between points of the differences: truncation eps^4/30 and rounding 1e-16/eps are both near 1e-13
-AGREEMENT = 1e-9  # relative to the largest term, or to 1: far above the rounding of stiff springs, far below an error of the model
-REDUNDANT = 1e-12  # singular values of the KKT matrix below this share of the largest one are zero: rounding leaves 1e-17,
+DIFFERENCE = 1e-3  # = d [rad, m] between points of the differences: truncation d^4/30 and rounding 1e-16/d are both near 1e-13
+AGREEMENT = 1e-9  # relative: far above the rounding of stiff springs, far below an error of the model
+REDUNDANT = 1e-12  # singular values of the KKT matrix below this share of the largest one count as zero: rounding leaves 1e-17,
 #                    and independent rows of usable linkages 1e-7 or more
-CLOSED = 1e-12  # [m, rad] largest residual of a closed state: forces along slides are exact at closed states only
+CLOSED = 1e-12  # [m, rad] largest residual of a closed state: only at closed states are forces along slides exact
 
 
 class BuiltIn:
@@ -46,7 +46,7 @@ class BuiltIn:
 
 
 class Readout:
-    """A function (q, v, t) -> Terms with Exudyn's M, f, C_q and C at a state q, v (n,), and gamma = -(C_q)' v by differences."""
+    """A function (q, v, t) -> Terms with Exudyn's M, f, C_q and C at a state q, v (n,), and gamma = law'' - (C_q)' v."""
 
     def __init__(self, system: System):
         self.system, self.current = system, system.exu.ConfigurationType.Current
@@ -55,14 +55,14 @@ class Readout:
         write_nothing(self.settings)
         self.solver.InitializeSolver(system.mbs, self.settings)
         self.n, self.m = self.solver.GetODE2size(), self.solver.GetAEsize()
-        self.laws = [driver.law for driver in system.mechanism.drivers]  # the last constraint rows belong to them
+        self.laws = [driver.law for driver in system.mechanism.drivers]  # in the order of the last constraint rows
 
     def jacobian(self, q: Array) -> Array:
         """Return Exudyn's constraint Jacobian C_q (m, n) at q (n,)."""
         self.system.mbs.systemData.SetODE2Coordinates(q - self.system.mechanism.q0, self.current)
-        self.solver.SetSystemJacobian(np.zeros((self.n + self.m,) * 2))  # Exudyn adds to the matrix that is there
-        # the factors 1, 0, 1 select derivatives with respect to positions, not to velocities, and to first-order coordinates, which
-        # do not exist here; False: the constraints are those on positions
+        self.solver.SetSystemJacobian(np.zeros((self.n + self.m,) * 2))  # Exudyn adds to the matrix that is set
+        # the factors 1, 0, 1 weight the derivatives with respect to positions, velocities and first-order coordinates, of which
+        # there are none here; False: the constraints are those on positions
         self.solver.ComputeJacobianAE(self.system.mbs, 1.0, 0.0, 1.0, False)
         return np.array(self.solver.GetSystemJacobian())[self.n :, : self.n]
 
@@ -77,7 +77,7 @@ class Readout:
 
     def __call__(self, q: Array, v: Array, t: float) -> Terms:
         mbs, solver = self.system.mbs, self.solver
-        bias, J = self.bias(q, v), self.jacobian(q)  # this also puts q into Exudyn's current state
+        bias, J = self.bias(q, v), self.jacobian(q)  # `jacobian` also puts q into Exudyn's current state
         bias[self.m - len(self.laws) :] += [float(law(t)[2]) for law in self.laws]
         mbs.systemData.SetTime(t, self.current)
         mbs.systemData.SetODE2Coordinates_t(v, self.current)
@@ -93,8 +93,8 @@ class Readout:
 def solve_kkt(terms: Terms, redundant: bool) -> Array:
     """Return the accelerations a (n,) that solve M a + J^T lambda = Q, J a = gamma, without the suite's own formulations.
 
-    If constraint rows are redundant, the multipliers lambda are not unique, but a is the same in all solutions; one of least
-    squares and least norm is taken.
+    If constraint rows are redundant, the multipliers lambda are not unique, but a is the same in all solutions; the least-squares
+    solution of least norm is taken.
     """
     n, m = len(terms.M), len(terms.J)
     K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((m, m))]])

@@ -1,6 +1,6 @@
 """The differences between Exudyn's releases; only this file deals with them.
 
-The functions test for the names of the newest release. Their second branch is for releases before 1.12, for the log before 1.10.
+The functions test for the names of the newest release. Their second branch is for releases before 1.12 (1.10 in `write_log`).
 """
 
 from typing import Any
@@ -103,5 +103,5 @@ def call_after_steps(mbs: Any, function: Any) -> None:
     """Let Exudyn call function(mbs, t) after each step; the number 0 as `function` ends these calls."""
     if hasattr(mbs, "SetPostStepUserFunction"):
         mbs.SetPostStepUserFunction(function)
-    else:  # a release that has only a call before each step, where the state is the one after the step before
+    else:  # a release with calls before each step only, at the state after the previous step
         mbs.SetPreStepUserFunction(function)

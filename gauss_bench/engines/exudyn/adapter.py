@@ -4,13 +4,12 @@ Exudyn's state is the displacement u from the assembled start of the linkage, so
 
     q = q0 + u,    v = u',    a = u''
 
-If all steps between samples have the same size, a run is one call of SolveDynamic, and otherwise one call for each sample, which
-starts the algorithmic accelerations of generalized-alpha anew and causes an error within the method's order. Adaptive steps are
-always off, because they halve the step size without notice, and the benchmark compares at equal steps.
+If all steps have the same size and no force jumps, a run is one call of SolveDynamic. Otherwise every sample and every jump ends a
+call, and each call starts the algorithmic accelerations of generalized-alpha anew, an error within the method's order. Adaptive
+steps are off, because they halve the step size without notice, and the benchmark compares at equal steps.
 
-Exudyn's initial accelerations ignore the second derivative of a motion law, and the trapezoidal rule carries that error through the
-whole run. Therefore driven linkages start from accelerations of the KKT system, which also gives the accelerations wherever the
-second derivative of a motion law is not zero.
+Exudyn's initial accelerations ignore the second derivative of a motion law and the time of a force. The trapezoidal rule carries
+this error through the whole run. Therefore linkages with drivers or varying forces start from accelerations of the KKT system.
 """
 
 import contextlib
@@ -123,7 +122,7 @@ class Log:
         self.close()
         handle, name = mkstemp(suffix=".log")
         self.file = os.fdopen(handle, errors="replace")
-        across_releases.write_log(self.exu, name)  # flushes every line, because SetWriteToFile does not flush when it closes
+        across_releases.write_log(self.exu, name)  # flushes every line, because SetWriteToFile closes a file without flushing
         os.unlink(name)  # the file can be read until it is closed, and the system deletes it even if the process is killed
 
     def close(self) -> str | None:
@@ -143,9 +142,9 @@ class ExudynModel:
         q, v, a: (k, n) samples; q holds Exudyn's displacements u, to which `read` adds q0.
         readout: function that reads the terms of Exudyn's equations of motion at a given state.
         built_in: function that returns Exudyn's initial accelerations of a run from a given state.
-        solver_runs: the calls of SolveDynamic; each takes a stretch, an interval of time with steps of equal size.
+        solver_runs: for each call of SolveDynamic its `Stretch`, an interval of time with steps of equal size.
         last_steps: (k,) number of steps from the start to each sample.
-        failure: the reason why the run ended early; None if it did not end early.
+        failure: the reason why the run ended early; otherwise None.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
@@ -199,7 +198,7 @@ class ExudynModel:
     def _reset(self) -> None:
         """Go back to the start, and store the first sample.
 
-        With drivers or forces that vary in time, Exudyn's own initial accelerations are wrong: they are those of the KKT system.
+        With drivers or varying forces, Exudyn's own initial accelerations are wrong, and those of the KKT system are used.
         """
         data, initial = self.system.mbs.systemData, self.exu.ConfigurationType.Initial
         alpha = self.simulation.timeIntegration.generalizedAlpha
@@ -218,8 +217,8 @@ class ExudynModel:
             self.failure = RunFailure(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({in_one_line(error)})")
 
     def _register_samples(self) -> None:
-        """If one call of the solver covers several samples, make Exudyn call a function after each step, which stores them."""
-        # a function that is called takes time, so none is called if the only samples are those at the ends of calls of the solver
+        """If one call of the solver covers several samples, let a function that Exudyn calls after each step store them."""
+        # calls of a function take time, so there are none if all samples are at the ends of calls of the solver
         if len(self.solver_runs) != 1 or len(self.times) == 2:
             across_releases.call_after_steps(self.system.mbs, 0)
             return

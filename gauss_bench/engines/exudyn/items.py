@@ -1,4 +1,4 @@
-"""A linkage as Exudyn items, and the reasons why some forces have no exact counterpart among them.
+"""Build a linkage from Exudyn's items; explain why a force has no exact counterpart among them.
 
 Exudyn takes the normal n of a slide from its second marker. Therefore the first marker is on the block b and the second on the
 guide g, and both constraint rows of the slide have the opposite sign of the linkage's rows:
@@ -6,11 +6,12 @@ guide g, and both constraint rows of the slide have the opposite sign of the lin
     (p_g + offset n - p_b) . n = 0,    (R_b u_b) . n = 0        p: points on the line, R_b u_b: direction of the line
 
 Trap: if the axis of a force moves with a link, Exudyn applies the reaction at the marker of the axis' origin. The link with the
-axis then lacks a torque, unless the force acts along the axis through the origin. If a slide between the two links keeps the point
-at a fixed distance from the axis, the adapter moves the marker sideways by this distance; otherwise the mechanism is refused.
+axis then lacks a torque, unless the force acts along the axis through the origin. If a slide between this link and the link of the
+force's point keeps the point at a fixed distance from the axis, the adapter moves the marker sideways by this distance; otherwise
+the mechanism is refused.
 
-Drivers and forces that vary are user functions, which Exudyn calls at every evaluation and differentiates by finite differences. A
-torque that varies is a connector between two angles, whose relative speed its user function gets.
+Drivers and varying forces are user functions, which Exudyn calls at every evaluation. A varying torque is a connector between two
+angles; its user function receives their relative speed.
 """
 
 from typing import Any, assert_never
@@ -71,7 +72,7 @@ def explain_refusal(mechanism: Mechanism, force: Force) -> str | None:
 
 
 def slides_along(mechanism: Mechanism, axis: Along) -> bool:
-    """Tell whether a slide between the link of an axis and the link of the point on it is parallel to the axis."""
+    """Tell whether a slide parallel to an axis joins the link of the axis to the link of the force's point."""
     link = axis.origin.link
     between = [slide for slide in mechanism.slides if {*ends(slide)} == {link, axis.point.link}]
     lines = [slide.angle if slide.guide.link == link else slide.angle - slide.turn for slide in between]
@@ -124,15 +125,15 @@ class System:
         self._add("LoadMassProportional", markerNumber=marker, loadVector=spatial(self.mechanism.gravity))
 
     def _mark_point(self, point: Point) -> Any:
-        """Add a marker with a position at a point, and return it."""
+        """Add a marker of position at a point, and return its number."""
         return self._add("MarkerBodyPosition", bodyNumber=self.bodies[point.link], localPosition=spatial(point.local))
 
     def _mark_frame(self, link: int, local: Array) -> Any:
-        """Add a marker with a position and an orientation at the place `local` (2,) of a link, and return it."""
+        """Add a marker of position and orientation at the point `local` (2,) of a link, and return its number."""
         return self._add("MarkerBodyRigid", bodyNumber=self.bodies[link], localPosition=spatial(local))
 
     def _mark_angle(self, link: int) -> Any:
-        """Add a marker of a link's angle relative to its start, and return it."""
+        """Add a marker of a link's angle relative to the start, and return its number."""
         coordinate = 0 if link == GROUND else 2  # the ground has no angle, but its coordinates always stay zero
         return self._add("MarkerNodeCoordinate", nodeNumber=self.nodes[link], coordinate=coordinate)
 
@@ -152,7 +153,7 @@ class System:
         )
 
     def _add_driver(self, driver: Driver) -> None:
-        """Add the constraint of a driven angle, or x(q) = law(t) of a driven slide or length."""
+        """Add the constraint x(q) = law(t) of a driven angle, slide or length."""
         if isinstance(driver, AngleDriver):
             # Exudyn's angle is the displacement u = theta - theta0 from the start, so the law is shifted by theta0
             start = float(value(driver.coordinate, self.mechanism.q0))
@@ -168,7 +169,7 @@ class System:
         self._add(
             "ObjectConnectorCoordinateVector",
             markerNumbers=nodes,
-            scalingMarker0=np.zeros((1, 1)),  # Exudyn takes the number of equations from its shape
+            scalingMarker0=np.zeros((1, 1)),  # Exudyn takes the number of equations from this shape
             constraintUserFunction=equation,
             jacobianUserFunction=jacobian,
         )
@@ -180,7 +181,7 @@ class System:
         """
         coordinate, law = driver.coordinate, driver.law
         links = [point.link for point in span(driver) if point.link != GROUND]
-        columns = [3 * link + axis for link in links for axis in range(3)]  # their entries in q
+        columns = [3 * link + axis for link in links for axis in range(3)]  # indices of these coordinates in q
 
         def whole(entries: Any) -> Array:
             """Return an array (n,) with the given entries of the two links (one link for a driver on the ground), and zeros."""
@@ -205,9 +206,9 @@ class System:
         return lambda mbs, t, item, offset: float(law(t)[rate]) - start
 
     def _add_varying_force(self, force: Force) -> None:
-        """Add a force or torque that varies, with a user function of the time, which is limited to `last`.
+        """Add a varying force or torque by a user function of the time.
 
-        Therefore a step that ends at a jump of the force uses the value before the jump.
+        The time is limited to `last`, so a step that ends at a jump of the force uses the value before the jump.
         """
         factor = factor_of(force)
         assert factor is not None
@@ -238,7 +239,7 @@ class System:
         match law.coordinate:
             case Angle(a, b):
                 for link, torque in ((b, law.bias), (a, -law.bias)):
-                    if link != GROUND and torque:  # Exudyn evaluates a load on an angle faster than a vector
+                    if link != GROUND and torque:  # Exudyn evaluates a load on an angle faster than a torque vector
                         self._add("LoadCoordinate", markerNumber=self._mark_angle(link), load=torque)
                 if law.k or law.c:
                     start = float(value(law.coordinate, self.mechanism.q0))
@@ -298,7 +299,7 @@ class System:
             )
             return
         # the reaction acts at the foot of the perpendicular from the origin to the line through `point` parallel to the axis; the
-        # distance [m] of this line, to the left, stays as at the start, because a slide keeps it if the axis moves with a link
+        # distance [m] of this line to the left is that at the start: if the axis moves with a link, a slide keeps it constant
         left = along.angle + (np.pi if along.across else np.pi / 2)
         distance = float(value(Along(origin, point, left), self.mechanism.q0))
         foot = origin.local + distance * np.array([-u[1], u[0]])

@@ -1,6 +1,6 @@
 """Cases that compare Exudyn's releases beyond the adapter's runs: joints that the adapter does not use, and default settings.
 
-The loop of the bars is closed by a constraint of constant distance between planar bodies, or by a spatial joint of spatial ones.
+The loop of the bars is closed by a constraint of constant distance between planar bodies, or by a joint between spatial bodies.
 The accelerations that are compared are those that Exudyn computes at the start of a run.
 """
 
@@ -20,7 +20,7 @@ SOLVERS = ("EXUdense", "EigenDense", "EigenSparse")
 SPATIAL = {"ObjectJointGeneric": [1, 1, 0, 0, 0, 0], "ObjectJointSpherical": [1, 1, 0]}
 PLANAR = "ObjectConnectorDistance"
 FOUR, LENGTH = "wide_four_bar", "rod_of_one_length"
-COMPARED = ("ObjectJoint", "ObjectConnector", "ObjectRigidBody", "Load")  # beginnings of names: items whose defaults are compared
+COMPARED = ("ObjectJoint", "ObjectConnector", "ObjectRigidBody", "Load")  # beginnings of names of items whose defaults are compared
 WITHOUT_EFFECT = ("visualization", "name")  # arguments of an item on which no motion depends
 DEPTH = 4  # levels of the settings that are read
 
@@ -60,7 +60,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
 
 
 def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequence[int]:
-    """Build crank and rocker as planar bodies, whose ends have a constant distance; return the indices of their coordinates."""
+    """Build crank and rocker as planar bodies with ends at a constant distance; return the indices of the bodies' coordinates."""
     ground = mbs.AddObject(items.ObjectGround())
     ends = []
     for k, bar in enumerate(PAIR):

@@ -12,12 +12,12 @@ forces, at the positions q + k e v for k = -2, -1, 1, 2. So the accelerations ha
 rounding error, although the library computes in single precision. The four displaced copies have loop gaps of the order e^2, which
 Kamino must not close.
 
-Trap: after a step, about a thousandth of J v remains on a crank-slider. In the formula for a, this rest would appear as an
-acceleration, so a second step without forces projects the velocities again. In a run every step leaves nearly the same part of
-J v, which cancels in the change of velocities from step to step.
+Trap: after a step of a crank-slider, J v is about a thousandth of its value before, not zero. In the formula for a, this remainder
+would appear as an acceleration, so a second step without forces projects the velocities again. In a run every step leaves nearly
+the same remainder, which cancels in the change of velocities from step to step.
 
-Kamino's solver PADMM often stops before it has converged. So the steps of this module always use its solver DVI, which solves for
-the impulses directly.
+Kamino's solver PADMM often stops before it has converged. So this module uses Kamino's solver DVI, which solves for the impulses
+directly.
 """
 
 import numpy as np
@@ -28,8 +28,8 @@ from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-WEIGHTS = {-2: 1.0, -1: -8.0, 1: 8.0, 2: -1.0}  # k -> weight of the value at k e; the sum over 12 e is the slope at 0, to order 4
-DIFFERENCE = 3e-2  # [rad, m] a copy moves by 2 e v at most; at e v of this size truncation is 3e-8, rounding 3e-6
+WEIGHTS = {-2: 1.0, -1: -8.0, 1: 8.0, 2: -1.0}  # k -> weight of the value at k e; the sum / (12 e) is the slope at 0, to order 4
+DIFFERENCE = 3e-2  # [rad, m] largest e v; copies move by up to 2 e v. For this e v, truncation is 3e-8, rounding 3e-6
 STEP = 0.1  # [s]; the result does not depend on it
 CONVERGED = {"dynamics_solver": "dvi", "alpha": 0.0, "contacts": 1}  # options; alpha = 0 leaves gaps open
 

@@ -1,4 +1,4 @@
-"""The machine code of Newton's kernels: Warp compiles each kernel at its first run, which takes minutes, and stores the code."""
+"""Store the machine code of Newton's kernels, which Warp compiles when they first run; this takes minutes."""
 
 import tempfile
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ def find_mark() -> Path | None:
 
 
 def are_compiled() -> bool:
-    """Tell whether `build_once` has nothing to do: all kernels are stored, or every process compiles, for lack of a safe folder."""
+    """Tell whether `build_once` has nothing to do: all kernels are stored, or there is no safe folder to store them in."""
     mark = find_mark()
     return mark is None or mark.exists()
 

@@ -1,4 +1,4 @@
-"""A small linkage with pins and a slide, which is not read from a file; Newton compiles its kernels when it takes steps of it."""
+"""A small linkage with pins and a slide; the first step of it compiles Newton's kernels."""
 
 import numpy as np
 

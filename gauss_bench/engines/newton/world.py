@@ -9,11 +9,11 @@ A step of h [s] from q, v uses the forces Q and the constraint Jacobian J at q, 
     J v1 = -alpha phi / h
     q1 = q + h v1
 
-One step launches some hundred kernels (compiled functions). This takes 0.1 s if Python launches them, so Warp records the launches
+One step launches hundreds of kernels (compiled functions). This takes 0.1 s if Python launches them, so Warp records the launches
 once for each h, and replays them in C++.
 
-Traps: Newton computes in single precision only. For models without shapes, Kamino reserves memory for 1000 contacts; the option
-`contacts` is a smaller number.
+Traps: Newton computes in single precision. For models without shapes, Kamino reserves memory for 1000 contacts; the option
+`contacts` sets a smaller number.
 """
 
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ TURN = 5  # index of the rotation about z in a velocity or force (6,); a pose (7
 def joint_frames(joint: Joint) -> tuple[tuple[Array, float], tuple[Array, float]]:
     """Return origin (2,) [m] and angle [rad] of a joint's frame in the first link, and of its frame in the second link.
 
-    A pin lets the second frame turn about the first, and a slide lets it move along the first one's x axis.
+    A pin lets the second frame turn about the first, and a slide lets it move along the first frame's x axis.
     """
     first, second = joint.ends
     if not isinstance(joint, Prismatic):
@@ -56,7 +56,7 @@ class World:
     def __init__(self, libraries: Libraries, mechanism: Mechanism, options: Mapping[str, Any], copies: int = 1):
         """Build the copies at the start of the linkage.
 
-        Of `options`, "alpha" is the share of a gap that a step closes, and "contacts" the largest number of contacts in each copy.
+        Option "alpha" is the share of a gap that a step closes, and "contacts" the largest number of contacts in each copy.
         """
         self.warp, self.newton = libraries.warp, libraries.newton
         common = {"up_axis": self.newton.Axis.Y, "gravity": tuple(spatial(mechanism.gravity))}

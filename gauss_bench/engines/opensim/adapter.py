@@ -101,7 +101,7 @@ class OpenSimModel(TreeModel):
 
     def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
         state = self._make_state(self.built, t, *self.tree.relative(q, v))
-        self._find_accelerations(self.built, state)  # OpenSim has forces only after accelerations
+        self._find_accelerations(self.built, state)  # OpenSim computes joint forces from accelerations
         return self._joint_forces.read(state, q, v)
 
     def prepare(self, times: Array, native: bool = True) -> None:

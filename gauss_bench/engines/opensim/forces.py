@@ -26,9 +26,9 @@ from gauss_bench.terms import Array
 
 
 class JointForces:
-    """Reads joint forces from states of a mechanism's OpenSim model.
+    """A reader of joint forces from states of a mechanism's OpenSim model.
 
-    A joint whose force redundant constraint rows leave undetermined is left out.
+    Joints whose forces are not unique, because of redundant constraint rows, are left out.
 
     Attributes:
         joints: pairs of a branch of the tree (a link with its joint) and OpenSim's object for the joint.
@@ -60,8 +60,8 @@ class JointForces:
         on_coordinates = generalised(loads(self.mechanism.forces), q, v) - generalised(self.on_bodies, q, v)
         forces = {b.joint.name: self._read_joint(b, joint, state, q, on_coordinates) for b, joint in self.joints if b.joint}
         for pin, constraint in self.pins:
-            # OpenSim's entry for the first body is minus the force on this body, as forces of constraints stand on the left side of
-            # the equations of motion, so it is the force on the second body. Trap: its components are given in the frame of the
+            # OpenSim writes constraint forces on the left side of the equations of motion. So its entry for the first body is minus
+            # the force on this body: the force on the second body. Trap: the entry's components are given in the frame of the
             # nearest common ancestor of both bodies in the tree, which may be turned.
             values, (a, b) = constraint.getRecordValues(state), pin.ends
             common = [link for link, subtree in self.subtrees.items() if a.link in subtree and b.link in subtree]
@@ -92,7 +92,7 @@ class JointForces:
         elif b.at in self.driven:  # the force of a slide's driver acts on the block's point, so it has no moment about this point
             axis = turn_with(b.parent, b.axis, q)
             force = force - axis * (axis @ force)
-        sign = 1.0 if second.link == b.link else -1.0  # a joint used backwards has its second link as parent
+        sign = 1.0 if second.link == b.link else -1.0  # if the second link is the parent, its force is opposite
         return sign * np.array([*force, moment])
 
 

@@ -1,7 +1,7 @@
 """A linkage as an OpenSim model: links hang on a tree of joints, and a PointConstraint closes each pin that the tree leaves open.
 
 OpenSim's coordinates are the tree coordinates y. Frames of links lie at their centres of mass. A force or driver of the linkage on
-the left becomes the element of OpenSim on the right; one that no element expresses exactly is refused by name:
+the left becomes the element of OpenSim on the right; one without an exact counterpart is refused by name:
 
     constant generalised force:                     CoordinateActuator, whose actuation is overridden by the force
     spring and damper on one tree coordinate:       SpringGeneralizedForce
@@ -41,7 +41,7 @@ def explain_refusal(mechanism: Mechanism, tree: Tree) -> str | None:
 def make_manager(opensim: Any, model: Any, choice: Choice, options: Mapping[str, Any], step: Any, recorded: bool = False) -> Any:
     """Return OpenSim's manager, which integrates a model as a setting says, in steps of the size `step` [s] if they are fixed.
 
-    If `recorded`, it stores the state after every step.
+    If `recorded`, the manager stores the state after every step.
     """
     method, accuracy = choice.integrator or next(iter(METHODS)), options["accuracy"]
     manager = opensim.Manager(model)
@@ -51,7 +51,7 @@ def make_manager(opensim: Any, model: Any, choice: Choice, options: Mapping[str,
     if method.endswith(ADAPTIVE):
         accuracy, _ = choice.tolerances(accuracy, 0.0)  # OpenSim has one accuracy and no absolute tolerance
     else:
-        manager.setIntegratorFixedStepSize(step)  # the accuracy only decides when states are projected onto the constraints
+        manager.setIntegratorFixedStepSize(step)  # then the accuracy decides when states are projected
     manager.setIntegratorAccuracy(accuracy)
     if tolerance := options["constraint_tolerance"]:
         manager.setIntegratorConstraintTolerance(tolerance)
@@ -64,7 +64,7 @@ class Built:
     Attributes:
         bodies: link, or GROUND -> OpenSim's body.
         coordinates: OpenSim's coordinates, in the order of the tree coordinates.
-        joint_coordinates: index of a tree coordinate -> the same coordinate, as its joint holds it before the model is complete.
+        joint_coordinates: index of a tree coordinate -> OpenSim's coordinate, taken from its joint before the model is complete.
         start: a state of the model, from which other states are copied.
         pins: for each closing pin, its two ends: OpenSim's body and the point in its frame.
         elements: references to the Python objects of joints and forces, so that Python does not delete these objects.
@@ -157,7 +157,7 @@ class Built:
                     motor = self._add_force(opensim.CoordinateActuator(f"y{index}"))
                     motor.setOptimalForce(1.0)
                     self.motors.append((motor, load.value * float(load.force[index])))
-            case OnJoints():  # on L = row . y + constant, where the row has at most one entry, 1 or -1
+            case OnJoints():  # on L = row . y + constant, where the row has at most one nonzero entry, 1 or -1
                 for index in np.flatnonzero(load.row):
                     spring = self._add_force(opensim.SpringGeneralizedForce(f"y{index}"))
                     spring.setStiffness(float(load.k))

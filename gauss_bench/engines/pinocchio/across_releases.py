@@ -25,7 +25,7 @@ def prepare(pin: Any, algorithm: str, model: Any, data: Any, rows: Any, row_data
         rows: Pinocchio's list of constraint models, one for each pin that closes a loop.
         row_data: Pinocchio's list of the constraints' work space.
     """
-    if algorithm == "lcaba":  # this algorithm only needs an order of the joints
+    if algorithm == "lcaba":  # this algorithm needs only an order of the joints
         pin.computeJointMinimalOrdering(model, data, rows)
         return
     try:

@@ -6,7 +6,7 @@ Pinocchio computes Baumgarte's terms. The suite projects states in absolute coor
 states close the loops.
 
 Redundant constraint rows contradict each other when errors of the integrator have opened the loops. In this case Pinocchio's
-proximal iterations do not converge, and the run ends with this as the reason. Projection keeps redundant rows consistent.
+proximal iterations do not converge, and the run fails for this reason. Projection keeps redundant rows consistent.
 """
 
 from collections.abc import Callable
@@ -100,7 +100,7 @@ class PinocchioModel(OwnSteps, TreeModel):
 
     @cached_property
     def plain(self) -> ConstrainedDynamics:
-        """The dynamics that are reported, without Baumgarte's terms."""
+        """The dynamics without Baumgarte's terms, for the reported accelerations."""
         return self._make_dynamics(NO_GAINS)
 
     def _make_dynamics(self, gains: tuple[float, float]) -> ConstrainedDynamics:
@@ -112,7 +112,7 @@ class PinocchioModel(OwnSteps, TreeModel):
         return self.plain(t, y, dy)
 
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
-        # mapped in numpy as a batch of one, as the states of the samples are; Python numbers would differ in the last digit
+        # by numpy as a batch of one state, like the states of the samples; Python numbers would differ in the last digit
         return np.asarray(self.tree.absolute(y[None], dy[None], self.plain(t, y, dy)[None]).a[0])
 
     def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:

@@ -28,8 +28,8 @@ DEFINED += " BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS BOOST_FUSION_INVOKE_MAX_ARITY
 FLAGS = ("-std=c++17", "-O2", *(f"-D{x}" for x in DEFINED.split()), "-shared", "-fPIC", "-w")
 COMPILERS = ("c++", "g++", "clang++")
 LIBRARIES = ("pin", "libpinocchio", "cmeel-eigen", "cmeel-boost")
-MEMORY = 3 << 30  # [bytes] limit of the compiler
-LONGEST = 1800.0  # [s] limit of the build, long enough for a busy machine
+MEMORY = 3 << 30  # [bytes] memory limit of the compiler
+LONGEST = 1800.0  # [s] time limit of the build, enough on a busy machine
 NEEDED = {  # file that the compilation needs -> the message if it is missing
     "include/pinocchio/multibody.hpp": "the headers of Pinocchio's wheel are missing",
     "include/eigen3/Eigen/Core": "Eigen's headers are missing; pip install 'gauss-bench[pinocchio-compiled]'",
@@ -101,12 +101,12 @@ def load_loop() -> bytes:
 
 
 def build_loop() -> None:
-    """Build the loop of steps and keep it in the user's cache, unless another process has done that."""
+    """Build the compiled loop and store it in the user's cache, unless it is there already."""
     name, folder = _cache_name(), user_cache.trusted_folder()
     if folder is None:
         raise RunFailure(Status.ERROR, f"{user_cache.folder()} is not this user's own: Pinocchio's compiled loop is not kept there")
     with (folder / "pinocchio-loop.lock").open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)  # only one process at a time compiles; the system releases the lock if it ends
+        fcntl.flock(file, fcntl.LOCK_EX)  # only one process at a time compiles; the system releases the lock when the process ends
         if user_cache.load(name) is None and not user_cache.store(name, _compile()):
             raise RunFailure(Status.ERROR, f"{folder}: Pinocchio's compiled loop cannot be kept there")
 

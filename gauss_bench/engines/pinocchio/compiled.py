@@ -115,7 +115,7 @@ class CompiledDynamics(ConstrainedDynamics):
                 raise RunFailure(Status.SKIP, f"Pinocchio's compiled loop has no force on {load.coordinate}")
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (n,) at a tree state y, dy (n,); the time t [s] only appears in the message of a failure."""
+        """Return the accelerations (n,) at a tree state y, dy (n,); the time t [s] appears only in the message of a failure."""
         y, dy, a = np.array(y, dtype=float), np.array(dy, dtype=float), np.empty(self.n)
         if not self.library.accelerate(self.linkage, y, dy, a):
             raise self._explain_failure(f"t = {t:.6g} s", t, y, dy)
@@ -141,14 +141,14 @@ class CompiledDynamics(ConstrainedDynamics):
         Raises:
             RunFailure: the solver finds no accelerations at a stage of a step.
         """
-        # the loop replaces y_last, dy_last by the state, at an unknown time, at which it stopped if it returns FAILED
+        # if the loop returns FAILED, y_last, dy_last are the state, at an unknown time, at which it stopped
         y_last, dy_last, times = y[0].copy(), dy[0].copy(), _flatten(times)
         steps: int = self.library.advance_adaptive(
             self.linkage, self.tableau, _flatten([rtol, atol]), times, len(times), MOST, y_last, dy_last, y, dy
         )
         self.evaluations += self.library.evaluations(self.linkage)
         if steps == FAILED:
-            # the last sample that was filled, the others are still NaN; one step may pass several samples
+            # time of the last filled sample; later ones are still NaN, and one step may pass several samples
             last = times[int(np.isfinite(y[:, 0]).sum()) - 1]
             raise self._explain_failure(f"after t = {last:.6g} s", last, y_last, dy_last)
         if steps == VANISHING:
@@ -158,7 +158,7 @@ class CompiledDynamics(ConstrainedDynamics):
         return steps
 
     def _explain_failure(self, when: str, begin: float, y: Array, dy: Array) -> RunFailure:
-        """Return the failure at a tree state y, dy (n,) that the loop met after the time `begin` [s]; `when` says it in words."""
+        """Return the failure at a tree state y, dy (n,) that the loop met after `begin` [s]; `when` is the time in words."""
         status, reason = Status.NOT_CONVERGED, "Pinocchio's compiled loop misses the constraints"
         try:
             super().__call__(begin, y, dy)
@@ -181,7 +181,7 @@ def _flatten_se3(x: Any) -> Array:
 def _read_tableau() -> Array:
     """Return DOP853's coefficients from scipy, in the layout of `Tableau` in `loop.cpp`.
 
-    A step has 12 stages, and its dense output needs four more evaluations, 16 in sum. The first of the four is at the end of the
+    A step has 12 stages, and its dense output needs four more evaluations, 16 in all. The first of the four is at the end of the
     step, with the coefficients B, so its row stays zero in `a`; the rows of the other three are A_EXTRA.
     """
     from scipy.integrate import DOP853

@@ -1,4 +1,4 @@
-"""The forces of a linkage as forces on tree coordinates, and the accelerations of a constrained tree, called from Python.
+"""Compute, by calls from Python, the forces of a linkage on tree coordinates and the accelerations of the constrained tree.
 
 Pinocchio has no springs, dampers or drives: the suite computes tau, and Pinocchio the accelerations.
 """
@@ -22,7 +22,7 @@ from gauss_bench.trajectory import RunFailure, Status
 
 SOLVED = 1e-6  # largest residual of a solution relative to its accelerations: independent rows reach 1e-13, redundant rows that
 #                have drifted apart exceed the limit
-AFFINE = 1e-10  # largest relative deviation of a force that counts as affine in the state; rounding leaves about 1e-14
+AFFINE = 1e-10  # largest relative deviation from an affine function of a force that counts as affine; rounding leaves 1e-14
 
 
 class TreeForces:
@@ -38,7 +38,7 @@ class TreeForces:
         weightless: the mechanism without gravity; Pinocchio itself computes the weight of the links.
         others: the forces that are not affine, or that vary with time or with the direction of motion.
         motion: function y -> absolute positions q and T = dq/dy.
-        inertia: (n, n) mass matrix of the tree at the start, which sets the size of driving torques.
+        inertia: (n, n) mass matrix of the tree at the start, which sets the size of trial torques.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, body: Multibody):
@@ -88,8 +88,8 @@ class DrivingTorques:
     """The driving torques and forces that give driven angles, slides and lengths their prescribed accelerations.
 
     Let y be the tree coordinates, and x (k,) the driven coordinates of the k drivers, with rates x' = R y'. Without any driving
-    torque the accelerations are a0. With a trial torque on driver j alone they are a_j; it is about as large as needed, so that few
-    digits are lost by cancellation. The factors s_j of the trial torques follow from
+    torque the accelerations are a0. With a trial torque on driver j alone they are a_j; the trial torques are about as large as the
+    needed ones, so that few digits are lost by cancellation. The factors s_j of the trial torques follow from
 
         y'' = a0 + sum s_j (a_j - a0),    R y'' + R' y' = law''(t) - Kd (x' - law'(t)) - Kp (x - law(t))
 
@@ -156,8 +156,8 @@ class DrivingTorques:
 class Motion:
     """A function y -> absolute positions q (3 links,) and T (3 links, n) with v = T dy; it is ten times faster than `Tree`.
 
-    The links beyond a joint that alone moves, at unit rate, form one body. In Pinocchio's world Jacobian, the column of this joint
-    holds the body's velocity at the world's origin, [u, w], and its angular speed omega. The centre of mass of a link of the body,
+    If a single joint moves, at unit rate, the links beyond it form one rigid body. The joint's column of Pinocchio's world Jacobian
+    holds this body's velocity at the world's origin, [u, w], and its angular speed omega. The centre of mass of a link of the body,
     at [x, y], has the velocity
 
         [u - omega y, w + omega x]
@@ -220,7 +220,7 @@ class ConstrainedDynamics:
         prepare(pin, options["algorithm"], self.model, self.data, self.rows, self.row_data)
         accuracies = options["absolute_accuracy"], options["relative_accuracy"]
         self.prox: Any = pin.ProximalSettings(*accuracies, options["mu"], int(options["max_iter"]))
-        self.residual_limit = SOLVED / options["mu"]  # of the last change of forces f; mu times it is the residual [m/s^2]
+        self.residual_limit = SOLVED / options["mu"]  # mu times the last change of the forces f is the residual [m/s^2]
         self.drive = DrivingTorques(forces, gains)
         self.evaluations = 0
 
@@ -230,7 +230,7 @@ class ConstrainedDynamics:
         return self.drive(self._solve, t, y, dy, tau) if self.drive.laws else self._solve(t, y, dy, tau)
 
     def bare(self, y: Array, dy: Array) -> Callable[[], Array]:
-        """Return a function that calls only Pinocchio's solver at a tree state y, dy (n,), without any check of the result."""
+        """Return a call of Pinocchio's solver alone at a tree state y, dy (n,), without any check of the result."""
         tau = np.ascontiguousarray(self.forces(y, dy, 0.0))
         return lambda: self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
 

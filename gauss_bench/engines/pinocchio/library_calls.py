@@ -1,7 +1,7 @@
 """One evaluation of the right-hand side by Pinocchio alone: its two algorithms for constrained trees, on the tree of least depth.
 
-lcaba is the algorithm of Sathya and Carpentier, Constrained articulated body dynamics algorithms (2024). Its penalty and accuracy
-are the best compromise found: smaller ones take longer and give no better accelerations.
+lcaba is the algorithm of Sathya and Carpentier, Constrained articulated body dynamics algorithms (2024). The penalty and accuracy
+in use are the best compromise found: smaller values take longer and give no better accelerations.
 """
 
 from functools import partial
@@ -16,7 +16,7 @@ from gauss_bench.terms import Array
 
 
 def prepare_solver(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """Return a call of Pinocchio's solver alone, by a variant's algorithm, at the tree state of a state q, v (n,)."""
+    """Return a call of Pinocchio's solver alone, by a variant's algorithm, at an absolute state q, v (n,)."""
     model = PinocchioModel(mechanism, Choice(variant, "rk4"))
     y, dy = model.tree.relative(q, v)
     call = model.plain.bare(y, dy)

@@ -1,4 +1,4 @@
-"""Cases by which Pinocchio's releases are compared besides the adapter's runs: constraints, algorithms, and the defaults."""
+"""Cases that compare Pinocchio's releases beyond the adapter's runs: constraints, algorithms, and default settings."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -79,7 +79,7 @@ def by_constraint(
     """
     # the end of the rod, 2 m long, coincides with the end of the rocker, 1.5 m long
     ends = (joints[1], shift(pin, 2.0)), (joints[2], shift(pin, 1.5))
-    if contact == "CONTACT_6D":  # the two halves of the rod, which lie in one place
+    if contact == "CONTACT_6D":  # the two halves of the rod, two bodies in the same place
         ends = (joints[1], shift(pin, 1.0)), (joints[3], shift(pin, -1.0))
     kind, axes = getattr(pin.ContactType, contact), getattr(pin.ReferenceFrame, frame)
     row = pin.RigidConstraintModel(kind, model, *ends[0], *ends[1], axes)
@@ -121,7 +121,7 @@ def by_jacobian(pin: Any, model: Any, joints: Sequence[int]) -> Solve:
 def defaults() -> dict[str, str]:
     """Return name -> default value, of ProximalSettings and of Baumgarte's gains.
 
-    Pinocchio's public names about constraints, contacts, dynamics or solvers are in it too, each with the value "there".
+    Pinocchio's public names about constraints, contacts, dynamics or solvers are listed too, each with the value "there".
     """
     import pinocchio as pin
 

@@ -1,7 +1,7 @@
 """A linkage as a Pinocchio model: a tree of joints in relative coordinates, and the point constraints that close it.
 
 Pinocchio's configuration vector holds the tree coordinates y. Placements are rigid transformations: A is that of a link's centre of
-mass in the frame of its joint, A_parent the same of the parent link, T a translation and R a rotation about z. Joints are placed in
+mass in the frame of its joint, A_parent that of the parent link, T a translation and R a rotation about z. Joints are placed in
 the frame of the parent's joint. Each kind of branch has a joint type of Pinocchio (RZ, PX, PY):
 
     revolute:    The joint RZ is placed at A_parent T(anchor on the parent), and A = T(-anchor).
@@ -90,7 +90,7 @@ class Multibody:
         pin = self.pin
         rows = pin.StdVec_RigidConstraintModel()
         for a, b in self.pins:
-            if a.link == GROUND:  # lcaba does not accept the ground as the first joint
+            if a.link == GROUND:  # lcaba does not accept the ground as the first of the two
                 a, b = b, a
             frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
             row = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, self.model, *self.place(a), *self.place(b), frame)
@@ -126,5 +126,5 @@ def verify(body: Multibody, mechanism: Mechanism, tree: Tree) -> None:
 
 @lru_cache(maxsize=16)
 def without_forces(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism with its forces removed; calls give one object, for which `evaluator_of` stores equations once."""
+    """Return the mechanism without its forces, the same object in all calls, so that `evaluator_of` stores its equations once."""
     return replace(mechanism, forces=())
