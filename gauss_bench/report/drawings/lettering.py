@@ -53,7 +53,7 @@ def draw_names(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[P
         named.append((name, places, NEAR, f'fill="{INK}" font-style="italic"', False))
     for part in parts:  # links
         if part.title:
-            # a part whose `reach` is empty counts as a line of no length at its origin
+            # a part whose `reach` is empty counts as a line of zero length at its origin
             lines = part.lines() if len(part.reach) else np.tile(part.place[0], (1, 2, 1))
             named.append((part.title, _beside_lines(part.title, lines), FAR, f'fill="{MUTED}"', False))
     for part in parts:  # forces and drivers
@@ -97,9 +97,9 @@ def _choose_place(
 ) -> tuple[Array, float]:
     """Return the place with most room for a name, the first of equal ones, and this room [px].
 
-    The room of a place is the distance [px] between the name and the nearest line; it is negative if the name overlaps another name
-    or the edge of the picture. Places with more room than `enough` are equally good. `segments` (l, 2, 2) are the lines [px],
-    `boxes` the boxes (4,) of the names so far, and `size` is that of the picture.
+    The room of a place is the distance [px] between the name and the nearest line; it is negative if the name overlaps a line,
+    another name or the edge of the picture. Places with more room than `enough` are equally good. `segments` (l, 2, 2) are the
+    lines [px], `boxes` the boxes (4,) of the names so far, and `size` is that of the picture.
     """
     half = width_of(name) / 2
     samples = np.linspace(-half, half, max(3, len(name)))
@@ -107,7 +107,7 @@ def _choose_place(
     others = np.array(boxes)
 
     def room(place: Array) -> float:
-        """Return the room [px] of the name with its middle at `place` (2,) [px]; minus ten times the overlap if it overlaps."""
+        """Return the room [px] of the name with its middle at `place` (2,) [px]; -10 times the overlap with a name or edge."""
         box = box_of(name, place)
         inside = min(box[0], box[1], size[0] - box[2], size[1] - box[3]) - EDGE
         # distances from other boxes along the axis on which they are farther apart; negative for boxes that overlap
