@@ -27,7 +27,7 @@ PLACE = 12
 TARGETS = (1e-3, 1e-6)  # errors of the measured coordinate [rad or m] at which costs are compared
 OWN = "gauss"
 NUMBERS = r"( by)? \d\S*( rad| m| J)?( \(m or rad\))?( where \S+ J move)?(?= |,|;|$)"  # numbers in the judge's sentences
-SHUT = 1e-4  # [m, rad] loops with a smaller gap look closed
+SHUT = 1e-4  # [m, rad] loops with a smaller gap count as closed
 LOST = 1.0  # [rad or m] a motion with a larger error is another motion
 MOST_DRIFT = 20  # number of cases in the table of the largest drift
 TIED = 0.05  # relative difference within which engines are equally good
@@ -131,7 +131,7 @@ def name_tied(rows: Sequence[Row], best: Row, value: Callable[[Row], float]) -> 
 
 
 def find_wrong_motion(run: Run) -> Iterator[Finding]:
-    """Yield a finding on the case with the largest error of those with closed loops and right accelerations, if above LOST."""
+    """Yield a finding on the largest error of a case with closed loops and right accelerations, if it is above LOST."""
     closed = [row for row in run.results if has_ended(row) and not row["control"] and number(row, "position_drift") < SHUT]
     rows = [r for r in closed if number(r, "acceleration_error_median") <= run.acceleration_gate and end_error(r) > LOST]
     if rows:

@@ -37,7 +37,7 @@ from gauss_bench.report.words import round_digits
 from gauss_bench.terms import Array
 
 MAGNIFIED = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)  # factors that a reader can choose
-VISIBLE = 0.1  # [px, degrees] smaller differences are not stored
+VISIBLE = 0.1  # [px, degrees] differences that are drawn smaller than this are left out
 REACH = 60.0  # [px] largest drawn difference from the reference with the initial factor
 DIGITS = 3  # significant digits of a stored difference
 
@@ -211,7 +211,7 @@ def _run_along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) 
 
     The data are `ahead`, the angle by which the run's crank is ahead; `rest`, the difference that no crank angle explains (another
     assembly); and `gap`, the difference that opens loops. The last two are in [px, px, degrees], and left out if they cannot be
-    seen: `gap` even at the largest magnification, `rest` without, because it is not magnified.
+    seen: `gap` even at the largest magnification, `rest` at none, because it is not magnified.
     """
     ahead = x.ahead.reshape(len(x.ahead), -1)  # (frames, n)
     own = reference[: len(ahead)] + ahead
@@ -246,7 +246,7 @@ def _round(x: Array) -> list[Any]:
 
 def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -> dict[str, Any]:
     """Return the contents of the part of a page that plays two runs side by side (`scale` in px/m)."""
-    # at first gauss-native is at the left and MuJoCo at the right, if both have runs
+    # at first gauss-native is at the left, and MuJoCo at the right, if it has a run
     engines = [x.engine for x in runs]
     left = engines.index("gauss-native") if "gauss-native" in engines else 0
     other = 1 if left == 0 else 0
