@@ -31,7 +31,7 @@ class Entry:
 
     @property
     def deciding_key(self) -> str:
-        """The key whose value distinguishes this table from others at the same place; empty if there are no others."""
+        """The key whose value distinguishes this table from other tables at the same place; empty if there are none."""
         return next((key for key in KINDS if key in self.table.model_fields), "")
 
     @property

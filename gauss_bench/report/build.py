@@ -21,7 +21,7 @@ from gauss_bench.report.summary import summary
 from gauss_bench.tables import TABLES, files_of, read_environment, read_table, refuse_foreign
 from gauss_bench.untrusted import BadInput
 
-# texts that a summary and a site must contain to be overwritten, because then this suite wrote them
+# texts that mark a summary and a site as pages of this suite, which may be overwritten
 HEADING, TITLE = "# Closed-loop planar linkages, engines side by side", "gauss_bench</title>"
 FAULTS = "findings"  # folder beside the tables, with reports on faults in engines' libraries
 

@@ -18,7 +18,7 @@ from gauss_bench.report.rows import Row, is_known, number
 from gauss_bench.report.words import NOTHING, error_text, ratio_text, round_digits, time_text
 
 UNMEASURED = "not measured"  # reason for a dash if no other is known
-TONES = {  # text of a verdict or status -> tone (colour) of its cell; "control" is a case that is meant to be wrong
+TONES = {  # text of a verdict or status -> tone (colour) of its cell; "control" is a case that is wrong on purpose
     **dict.fromkeys(("holds", "pass", "ok"), "good"),
     **dict.fromkeys(("open", "not shown", "degraded", "misprint", "loose", "skip", "control"), "warn"),
     **dict.fromkeys(("reversed", "refuted", "failed", "wrong", "not valid"), "bad"),
@@ -216,7 +216,7 @@ def missing_reason(row: Row, key: str) -> str:
     1. the row's entry `why_` + `key`, a reason for this cell alone;
     2. the reason for this column in `[reasons.always]` of `layouts.toml`;
     3. the row's entry `missing`, a reason for all cells of the row;
-    4. the row's status, if its case did not end;
+    4. the row's status, if the case did not end;
     5. the reason for this column in `[reasons.ended]` of `layouts.toml`, for cases that ended.
     """
     if row.get(f"why_{key}"):
@@ -262,7 +262,7 @@ def _value_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
                 return Cell(NOTHING)
             return text_cell("yes", "good") if value else text_cell("no", "bad")
         case ["step"]:
-            # the integrator chose its steps if the row has no positive step, or if its number of steps does not fit the step
+            # the integrator chose its steps if the row has no positive step, or if the number of steps does not match the step
             is_fixed = number(row, key) > 0 and not (has_ended(row) and chose_steps(row))
             return make_cell(row, "g", key) if is_fixed or key not in row else Cell("own", 0.0)
         case ["range", form]:

@@ -17,7 +17,7 @@ from gauss_bench.report.site.settings import Setting, all_settings, cheapest, ch
 from gauss_bench.report.words import NOTHING, error_text, limit_text, range_text, ratio_text, time_text
 
 FIRST = 1e-6  # [m] accuracy of the first table
-SHOWN = ("four_bar", "six_bar")  # linkages of one loop and of two, for which the table has error, time and multiple
+SHOWN = ("four_bar", "six_bar")  # linkages (one loop, two loops) for which the table has error, time and multiple
 BEGIN, END = "<!-- first table, written by make publish -->", "<!-- end of the first table -->"
 
 
@@ -49,7 +49,7 @@ def mark_own(run: Run, loop: str) -> str:
 
 @dataclass(frozen=True)
 class Results:
-    """The results on one linkage, each by the name of a row (`loop_of`).
+    """The results on one linkage: dictionaries from the name of a row (`loop_of`).
 
     Attributes:
         tried: the row's trials in the table `search_ladder`.
@@ -85,7 +85,7 @@ def collect_results(run: Run) -> dict[str, Results]:
 
 
 def first_table(run: Run) -> Table | None:
-    """Return the table of the searched engines and what each needs to hold FIRST [m]; None if no engine holds FIRST."""
+    """Return the table of the searched engines with what each needs to hold FIRST [m]; None if no engine holds FIRST."""
     results = collect_results(run)
     if not any(x.leaders for x in results.values()):
         return None

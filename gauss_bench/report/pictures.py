@@ -98,7 +98,7 @@ def spread_times(times: Array, crank: Array) -> Array:
     """
     crank_at: Any = PchipInterpolator(times, crank)
     fine = np.linspace(0.0, END, 2001)  # [s]
-    # the travelled angle only grows, even if the crank swings back: so time can be interpolated at equal parts of this angle
+    # the travelled angle never falls, even if the crank swings back: so time can be interpolated at equal parts of this angle
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(crank_at(fine))))])  # (2001,) [rad]
     return np.interp(np.linspace(0.0, travelled[-1], 1 + math.ceil(travelled[-1] / SPACING)), travelled, fine)
 
@@ -205,7 +205,7 @@ def write_svg(title: str, width: float, height: float, parts: Sequence[str], sty
     start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" font-family="Helvetica, Arial, sans-serif">'
     paper = f'<rect width="100%" height="100%" rx="12" fill="{PAPER}"/>'
     drawn = "\n".join([f"{start}<title>{escape(title)}</title>", paper, *parts, "</svg>\n"])
-    # `inline` replaces colours by CSS variables; the style that defines these variables is added afterwards, to keep its colours
+    # `inline` replaces colours by CSS variables; the style that defines these variables is added later, so that its colours stay
     return inline(drawn, "picture").replace("<title>", f"<style>{look}</style><title>", 1)
 
 

@@ -24,7 +24,7 @@ from gauss_bench.report.palette import INK, MUTED, PAPER
 from gauss_bench.terms import Array
 
 TURN = np.radians(4.0)  # largest turn of a link between two frames: 0.1 px off the circle at a radius of 170 px
-FRAMES = 60  # smallest number of intervals between frames, if the motion has so many states
+FRAMES = 60  # smallest number of intervals between frames, if the motion has enough states
 SHORTEST = 4.0  # [s] length of the shortest film; a shorter motion is slowed down
 REST = 0.8  # [s] rest at the end of a motion that does not return to its beginning
 CLOSED = 0.5  # [px, degrees] a motion returns to its beginning if its end differs by less

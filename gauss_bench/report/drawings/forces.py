@@ -6,7 +6,7 @@ rotational spring     spiral around the pin
 constant torque       curved arrow around the pin, in the sense of the torque
 prescribed rotation   a motor: curved arrow and a ring
 prescribed slide      arrow along the guide
-prescribed length     a cylinder, its barrel at the first of its points
+prescribed length     a cylinder with the barrel at the first point
 force at a point      arrow whose head is at the point
 """
 
@@ -103,7 +103,7 @@ def _pin(mechanism: model.Mechanism, a: int, b: int) -> model.Point:
     The point is the first pin that joins a and b; without such a pin, the first pin that joins b to the ground; without either, the
     centre of mass of b (of a if b is the ground).
     """
-    # reversed, so that the first of several pins between the same links replaces the others
+    # reversed, so that of several pins between the same links the first is kept
     pins = {frozenset((j.a.link, j.b.link)): j.a for j in reversed(mechanism.joints) if isinstance(j, model.Revolute)}
     centre = model.Point(b if b != model.GROUND else a, np.zeros(2), "")
     return pins.get(frozenset((a, b))) or pins.get(frozenset((model.GROUND, b)), centre)

@@ -47,7 +47,7 @@ def draw_names(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[P
     segments = np.vstack([*(part.lines() for part in parts), bar[None]])
     named = []  # name, candidate places, room beyond which places are equally good, style, whether the name may be left out
     for name, point in _named_points(mechanism, q, canvas):
-        wide = np.array([width_of(name) / 2 - 4.0, 0.0])  # half a name, less 4 px: a name beside its point stands close to it
+        wide = np.array([width_of(name) / 2 - 4.0, 0.0])  # half a name minus 4 px, so that a name beside a point is close to it
         # candidates around the point: at these distances [px] in all directions, and further to the sides for a wide name
         places = [point + r * unit + wide * unit for r in (15.0, 18.0, 21.0, 27.0, 34.0) for unit in AROUND]
         named.append((name, places, NEAR, f'fill="{INK}" font-style="italic"', False))
@@ -82,7 +82,7 @@ def _beside_lines(name: str, lines: Array) -> list[Array]:
 
 
 def _named_points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, Array]]:
-    """Return (name, place (2,) [px]) of joints and observed points; only the first of several at one place."""
+    """Return (name, place (2,) [px]) of joints and observed points; of several at one place, only the first."""
     named = [(j.joint, j.a if isinstance(j, Revolute) else j.block) for j in mechanism.joints]
     named += [(p.name.partition(".")[2], p) for p in mechanism.observed_points]
     name_at: dict[tuple[float, float], str] = {}  # place -> the first name there
@@ -95,7 +95,7 @@ def _named_points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[
 def _choose_place(
     places: Sequence[Array], name: str, segments: Array, boxes: list[Array], size: tuple[float, float], enough: float
 ) -> tuple[Array, float]:
-    """Return the place with most room for a name, the first of equal ones, and this room [px].
+    """Return the place with the most room for a name (the first of equal places), and this room [px].
 
     The room of a place is the distance [px] between the name and the nearest line; it is negative if the name overlaps a line,
     another name or the edge of the picture. Places with more room than `enough` are equally good. `segments` (l, 2, 2) are the

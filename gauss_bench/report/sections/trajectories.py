@@ -73,7 +73,7 @@ def find_best(run: Run, name: str) -> Iterator[Finding]:
     for scenario, rows in group_by(usable, "scenario").items():
         sentences = [name_most_accurate(rows)]
         for target in TARGETS:
-            # a target is reached if both the error and the reference's error bar are at most as large
+            # a target is reached if neither the error nor the reference's error bar is larger
             reached = [r for r in rows if max(end_error(r), end_bar(r)) <= target and is_known(run_time(r))]
             # compiled and interpreted loops are not compared with each other
             for loop, group in sorted(group_by(reached, _name_loop).items()):

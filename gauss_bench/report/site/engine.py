@@ -118,7 +118,7 @@ def command_of(x: Setting, scenario: str) -> str:
 def list_cases(rows: Sequence[Row]) -> Iterator[Row]:
     """Yield the most accurate case of each linkage, setting and integrator, as a row of the layout `engine_cases`."""
     for group in group_by(rows, "mechanism", "settings", "integrator").values():
-        # ended cases before others, and known errors before unknown ones
+        # cases that ended come first, and known errors before unknown ones
         row = min(group, key=lambda r: (not has_ended(r), math.isnan(number(r, "position_error")), number(r, "position_error")))
         outcome = "valid" if row["valid"] else row.get("flag") or row["message"] or row["status"]
         yield {**row, "outcome": outcome, "outcome_tone": "good" if row["valid"] else "bad"}

@@ -74,7 +74,7 @@ def find_turn(run: Run, name: str) -> Turn | None:
 
 
 def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
-    """Return the SVG of a linkage with numbered links, and the data by which a script turns its crank; None without a full turn.
+    """Return the SVG of a linkage with numbered links, and the data with which a script turns the crank; None without a full turn.
 
     The data are the links' poses, the first crank angle [rad], and the sense of the turn, 1 or -1.
     """
@@ -103,7 +103,7 @@ def draw_numbered(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
     parts = linkage_parts(mechanism, states, None, canvas, forces=False)
     shapes = draw_paths(mechanism.observed_points, states, canvas)
     for part in parts:
-        # attributes by which a script moves a part: its link, and its place on the link if the part stays upright
+        # attributes with which a script moves a part: its link, and its place on the link if the part stays upright
         place = "" if part.local is None else ' data-x="{:.2f}" data-y="{:.2f}"'.format(*part.local)
         shapes.append(part.draw("" if part.link < 0 else f' data-link="{part.link}"{place}'))
     size = f'viewBox="0 0 {canvas.width:g} {canvas.height:g}"'

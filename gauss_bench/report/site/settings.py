@@ -159,16 +159,16 @@ def all_settings(run: Run) -> dict[str, list[Setting]]:
 
 @lru_cache(maxsize=2)
 def _settings_by_key(run: Run) -> dict[tuple[Any, ...], Setting]:
-    """Return key by `setting_key` -> the first setting with it; stored, because searches took half of the time of the build."""
+    """Return key by `setting_key` -> the first setting with it; cached, because searches took half the time of a build."""
     every = [x for settings in all_settings(run).values() for x in settings]
-    return {setting_key(vars(x)): x for x in reversed(every)}  # reversed: the first of several replaces the others
+    return {setting_key(vars(x)): x for x in reversed(every)}  # reversed: of several the first is kept
 
 
 def _searched_settings(run: Run) -> Iterator[Setting]:
     """Yield the settings of searches, each with its time: measured in a race, estimated from one, or NaN."""
     raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
     races = group_by(raced, variant_of)
-    raced_at = {setting_key(r): r for r in reversed(raced)}  # reversed: the first of several rows replaces the others
+    raced_at = {setting_key(r): r for r in reversed(raced)}  # reversed: of several rows the first is kept
     steps_at = {setting_key(r): number(r, "steps") for r in run.table("search_ladder")}
     for row in with_number(run.table("search_ladder"), "position_error"):
         steps = number(row, "steps")
@@ -207,7 +207,7 @@ def cheapest(settings: Iterable[Setting], position: float, force: float = math.i
 def cheapest_stored(run: Run, mechanism: str, position: float, force: float = math.inf) -> Mapping[str, Setting]:
     """Return engine -> its cheapest setting on a linkage, for each engine with a setting that meets the requirement.
 
-    If a race was run at exactly this requirement, the engine's setting in this race replaces its cheapest setting.
+    If a race was run at exactly this requirement, the engine's setting in this race is returned instead.
 
     Args:
         position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
@@ -326,7 +326,7 @@ def reach_of_engine(run: Run, mechanism: str, engine: str, position: float, forc
 def scenarios(run: Run) -> Mapping[str, str]:
     """Return linkage -> its first scenario, for all linkages that were run or searched, sorted."""
     rows = (*run.results, *run.table("search_ladder"))
-    first = {row["mechanism"]: row["scenario"] for row in reversed(rows)}  # reversed: the first row replaces the others
+    first = {row["mechanism"]: row["scenario"] for row in reversed(rows)}  # reversed: the first row is kept
     return dict(sorted(first.items()))
 
 

@@ -2,7 +2,7 @@
 
 The fragment is `v1.` followed by JSON, compressed with zlib and encoded as base64url: the linkage file, the points of all links in
 their own frames, and sampled poses. Positions are whole multiples of `unit` [m], angles of 1/`ANGLES` rad; poses are stored as
-second differences over time, which are small for smooth motions. Since anybody can write an address, the page checks its contents
+second differences over time, which are small for smooth motions. Since anybody can write an address, the page checks everything
 against LIMITS.
 """
 
@@ -26,7 +26,7 @@ INTERVALS = 192  # intervals between the poses of a motion, which can be halved 
 FINENESS = 8192  # units of length in the range of all x and y together; a unit is about a tenth of a pixel
 ANGLES = 4096  # units of angle in a radian
 LIMITS = {  # largest values that the page accepts
-    "fragment": 16_000,  # characters of the fragment; with the address of a page before it, less than 16 kB
+    "fragment": 16_000,  # characters of the fragment: the whole address stays below 16 kB
     "unpacked": 400_000,  # bytes of JSON
     "links": 300,
     "places": 2000,  # points, bars, pins, slides, ties and paths together

@@ -70,7 +70,7 @@ def point(x, link, local):
 def measure(x, kind, a, *more):
     """Return the value of a coordinate and its derivative by y (n,).
 
-    The coordinate is ("angle", a, b), which is the angle of link b less that of link a, or (kind, a, place, b, place, frame,
+    The coordinate is ("angle", a, b), which is the angle of link b minus that of link a, or (kind, a, place, b, place, frame,
     direction) between a point of link a and a point of link b. Its value is their "distance", or their offset "along" a direction
     in the frame of a link.
     """
