@@ -44,7 +44,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> None:
-    """Add the title and headings of a page to HEADINGS; instead of headings the keys of the grammar; also options of commands."""
+    """Add the title and headings of a page to HEADINGS; of keys.md the keys instead of headings, of commands.md options too."""
     HEADINGS.append({"location": page.url, "title": page.title})
     entries = [(heading.url, heading.title) for heading in list_headings(page.toc)]
     if page.file.src_uri == "keys.md":

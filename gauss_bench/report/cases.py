@@ -11,7 +11,7 @@ from gauss_bench.report.rows import METHOD, Row, first_number, group_by, is_know
 
 MEASURED_ERRORS = ("measured_error_t05", "measured_error_t1", "measured_error_t2")  # errors after 0.5, 1 and 2 s
 SAME_ACCELERATION = 1e-6  # relative, median: 100 times the error of numerical differentiation, far below a soft loop's (1e-2)
-OWN_STEPS = 0.02  # an integrator chose its steps if their number is off duration / step by more than this share and by more than 1
+OWN_STEPS = 0.02  # the integrator chose its steps if their number differs from duration / step by over this share, and by over 1
 
 
 def has_ended(row: Row) -> bool:

@@ -49,7 +49,7 @@ def mark_own(run: Run, loop: str) -> str:
 
 @dataclass(frozen=True)
 class Results:
-    """The results on one linkage: dictionaries from the name of a row (`loop_of`).
+    """The results on one linkage: dictionaries whose keys are names of rows (`loop_of`).
 
     Attributes:
         tried: the row's trials in the table `search_ladder`.

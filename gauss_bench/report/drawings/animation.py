@@ -5,8 +5,8 @@ A link is drawn once, in its own frame, and an SVG transform moves it by its cen
     x = z + R(theta) local   as   translate(z) rotate(-theta), since y points down on the page.
 
 The browser interpolates linearly between the frames, the states in the file. If a link turns by d_theta between two frames, a point
-at the distance r from z is drawn off its circular path by at most r d_theta^2 / 8. Printers, and readers who ask for less motion,
-get a still picture of the start.
+at the distance r from z is drawn off its circular path by at most r d_theta^2 / 8. In print, and in browsers set to reduced
+motion, a still picture of the start is shown.
 """
 
 from collections.abc import Sequence

@@ -108,7 +108,7 @@ def fit_canvas(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()
 def canvas_of(mechanism: Mechanism, states: Array) -> Canvas:
     """Return a canvas that contains a linkage, its observed points and the guides on its links, at all states (k, n)."""
     slides = [joint for joint in mechanism.joints if isinstance(joint, Prismatic) and joint.guide.link != GROUND]
-    # guides on the ground may be cut off: the canvas contains their blocks
+    # guides on the ground may be cut off, because the canvas contains their blocks
     ends = [end for joint in slides for end in guide_ends(joint, states, extension=0.0)]
     return fit_canvas(mechanism, states, (*mechanism.observed_points, *ends))
 
@@ -119,7 +119,7 @@ def linkage_parts(
     """Yield all parts of the drawing of a linkage at states (k, n), from the background to the front.
 
     Args:
-        trace: states (l, n) whose travel of the blocks gives the length of guides on the ground; if None, `states`.
+        trace: states (l, n) over which blocks travel along guides on the ground, which cover this travel. By default `states`.
         forces: whether forces and drivers are drawn.
         letters: name of an observed point -> an SVG text that moves with it.
     """

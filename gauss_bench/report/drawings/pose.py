@@ -21,7 +21,7 @@ from gauss_bench.untrusted import parse_toml
 
 POSE_DEG = 60.0  # crank angle of the drawings, at which no built-in linkage is stretched or folded
 INTERVALS = 120  # equal intervals of a full turn
-FILES = "linkages"  # key of a run's environment: a dictionary from the name of a linkage to the text of its file
+FILES = "linkages"  # key of a run's environment for a dictionary: name of a linkage -> text of its file
 
 
 def pose_links(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:

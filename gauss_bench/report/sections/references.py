@@ -33,7 +33,7 @@ def section(run: Run) -> Section:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield a finding on published values that are off by more than ten times the error bar and the floor."""
+    """Yield a finding on published values that are off by more than ten times both error bar and floor."""
     rows = run.table("published")
     off = [row for row in rows if number(row, "difference") > 10 * max(number(row, "floor"), number(row, "error_bar"))]
     if off:

@@ -60,7 +60,7 @@ def describe_example(rows: Mapping[str, Row]) -> list[Block]:
 
 
 def print_value(row: Row) -> str:
-    """Format a value with the digits that its uncertainty `bracket` leaves, from 1 to DIGITS; "0" if it is at most `bracket`."""
+    """Format a value with the digits that its uncertainty `bracket` leaves, from 1 to DIGITS; "0" for at most `bracket`."""
     x, bracket = number(row, "value"), number(row, "bracket")
     if not is_known(x):
         return NOTHING
