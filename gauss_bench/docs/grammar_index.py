@@ -31,7 +31,7 @@ class Entry:
 
     @property
     def deciding_key(self) -> str:
-        """The key whose value distinguishes this table from others at the same place; empty if there are no others."""
+        """The key whose value distinguishes this table from other tables at the same place; empty if there are none."""
         return next((key for key in KINDS if key in self.table.model_fields), "")
 
     @property
@@ -88,7 +88,7 @@ def inner_tables(annotation: Any, place: str) -> Iterator[tuple[str, type[schema
     elif origin is list:
         yield from inner_tables(arguments[0], f"{place}[*]")
     elif origin is not Literal:
-        # the first argument of Annotated is the type; those of a union are types too
+        # of Annotated the first argument is the type, of a union all arguments are types
         for part in arguments[:1] if origin is Annotated else arguments:
             yield from inner_tables(part, place)
 
@@ -113,7 +113,7 @@ def print_type(value: dict[str, Any], place: str) -> str:
         return f"[{inner}, {inner}]" if is_pair else f"[{inner}, ...]"
     if value["type"] == "object":
         by_name = [*value.get("patternProperties", {}).values(), value.get("additionalProperties")]
-        if by_name[0] is True:  # in JSON Schema: the keys may have any values
+        if by_name[0] is True:  # in JSON Schema this allows any value of a key
             return "table"
         return f"{named.get(f'{place}.~', 'name')} → {print_type(by_name[0], f'{place}.*')}"
     if value["type"] == "string":

@@ -44,7 +44,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> None:
-    """Add title and headings of a page to HEADINGS; for the grammar's index, the keys instead; for commands, the options too."""
+    """Add the title and headings of a page to HEADINGS; of keys.md the keys instead of headings, of commands.md options too."""
     HEADINGS.append({"location": page.url, "title": page.title})
     entries = [(heading.url, heading.title) for heading in list_headings(page.toc)]
     if page.file.src_uri == "keys.md":
@@ -74,7 +74,7 @@ def on_post_build(config: Any, **_: Any) -> None:
     assets = Path(config["site_dir"]) / "assets"
     for path in assets.rglob("*.map"):
         path.unlink()
-    for folder in ("lunr", "workers"):  # of the search of the theme
+    for folder in ("lunr", "workers"):  # of the theme's search
         shutil.rmtree(assets / "javascripts" / folder, ignore_errors=True)
 
 

@@ -1,7 +1,7 @@
 """Build the report of a run: a summary in README.md, which is kept in git beside the rows, and a site for the browser.
 
-Summary and site take their content from the modules in the folder `sections`, in the order of the number PLACE of each. A module
-has a function `section(run)`, a function `findings(run)`, or both. Equal rows give equal files, byte for byte.
+Summary and site take their content from the modules in the folder `sections`, in the order of their numbers PLACE. A module has
+a function `section(run)`, a function `findings(run)`, or both. Equal rows give equal files, byte for byte.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ from gauss_bench.report.summary import summary
 from gauss_bench.tables import TABLES, files_of, read_environment, read_table, refuse_foreign
 from gauss_bench.untrusted import BadInput
 
-# texts by which a summary and a site of this suite are recognised, before they are overwritten
+# texts that mark a summary and a site as pages of this suite, which may be overwritten
 HEADING, TITLE = "# Closed-loop planar linkages, engines side by side", "gauss_bench</title>"
 FAULTS = "findings"  # folder beside the tables, with reports on faults in engines' libraries
 
@@ -43,12 +43,12 @@ def read_run(folder: Path) -> Run:
 
 
 def read_folder(folder: Path) -> Run:
-    """Return the run in a folder, without that in its subfolder `field`; errors are those of `read_run`."""
+    """Return the run in a folder, without the run in its subfolder `field`; errors are those of `read_run`."""
     names = [name for name in TABLES if name != "baseline"]
     if not any(files_of(name, folder) for name in names):
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
     tables = {name: tuple(sorted(read_table(name, folder), key=sort_key)) for name in names}
-    require_unchanged(folder)  # after reading, because the reader says more about a damaged file
+    require_unchanged(folder)  # after reading, because `read_table` says more about a damaged file
     checksums = read_checksums(folder)
     checksum = checksum_of_run(checksums) if checksums else ""
     faults = {path.stem: path.read_text(encoding="utf-8") for path in sorted((folder / FAULTS).glob("*.md"))}
@@ -66,7 +66,7 @@ def refuse_pages_of_others(folder: Path) -> None:
     """Check that a report would overwrite no page that another program or a person wrote.
 
     Raises:
-        FileExistsError: a page there is not that of an earlier report; the message names it.
+        FileExistsError: a page there is not from an earlier report; the message names the page.
     """
     refuse_foreign({folder / "README.md": HEADING, folder / SITE / "index.html": TITLE})
 
@@ -77,8 +77,8 @@ def build_report(
     """Write README.md and the site into the folder of a run, and return the written files.
 
     Raises:
-        NoRun, TableError: for the same reasons as in `read_run`; in this case no file is written.
-        FileExistsError: for the same reason as in `refuse_pages_of_others`.
+        NoRun, TableError, ChangedRows: as in `read_run`; no file is written.
+        FileExistsError: as in `refuse_pages_of_others`; no file is written.
     """
     refuse_pages_of_others(folder)
     run = read_run(folder)

@@ -10,8 +10,8 @@ from operator import itemgetter
 from gauss_bench.report.rows import METHOD, Row, first_number, group_by, is_known, number, with_number
 
 MEASURED_ERRORS = ("measured_error_t05", "measured_error_t1", "measured_error_t2")  # errors after 0.5, 1 and 2 s
-SAME_ACCELERATION = 1e-6  # median: 100 times the error of numerical differentiation (1e-8), far below that of a soft loop (1e-2)
-OWN_STEPS = 0.02  # if the number of steps differs more than this share from duration / step, the integrator chose its steps
+SAME_ACCELERATION = 1e-6  # relative, median: 100 times the error of numerical differentiation, far below a soft loop's (1e-2)
+OWN_STEPS = 0.02  # the integrator chose its steps if their number differs from duration / step by over this share, and by over 1
 
 
 def has_ended(row: Row) -> bool:
@@ -51,7 +51,7 @@ def end_column(row: Row) -> str:
 
 
 def end_error(row: Row) -> float:
-    """Return the error of the measured coordinate, in its unit, at the last of 0.5, 1 and 2 s for which it is known, else NaN."""
+    """Return the error of the measured coordinate at the last of 0.5, 1 and 2 s with a known error; NaN if there is none."""
     return number(row, end_column(row))
 
 
@@ -113,7 +113,7 @@ def cost_rows(rows: Iterable[Row]) -> list[Row]:
 
 
 def _merge(group: Sequence[Row]) -> Row:
-    """Return the first row of the group; each missing number is taken from the next row that has it."""
+    """Return the first row of the group; each missing number is taken from the first row that has it."""
     merged = dict(group[0])
     for column in merged:
         numbers = [row[column] for row in group if is_known(row.get(column))]

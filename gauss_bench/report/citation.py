@@ -1,6 +1,6 @@
-"""Renew the identifiers of the published rows in CITATION.cff: the checksums of the rows, and the commits of the code that ran.
+"""Renew the identifiers of the published rows in CITATION.cff: their checksums, and the commits of the code that measured them.
 
-`make publish` and `make field` call it by `python -m gauss_bench.report.citation reports CITATION.cff`.
+`make publish` and `make field` run `python -m gauss_bench.report.citation reports CITATION.cff`.
 """
 
 import re
@@ -28,7 +28,7 @@ def describe_rows(folder: Path, name: str = "reports") -> str:
 def renew(text: str, folder: Path) -> str:
     """Return the text of CITATION.cff with the checksums of the runs in a folder and in its subfolder `field`."""
     identifiers = "identifiers:\n" + "".join(describe_rows(x, str(x.relative_to(folder.parent))) for x in folders_of(folder))
-    # a function, because `subn` would interpret backslashes in a text
+    # a function, because `subn` would interpret backslashes in a string
     renewed, count = IDENTIFIERS.subn(lambda _: identifiers, text)
     assert count == 1, "CITATION.cff has one list of identifiers"
     return renewed

@@ -18,7 +18,7 @@ from gauss_bench.report.rows import Row, is_known, number
 from gauss_bench.report.words import NOTHING, error_text, ratio_text, round_digits, time_text
 
 UNMEASURED = "not measured"  # reason for a dash if no other is known
-TONES = {  # text of a verdict or status -> tone (colour) of its cell; "control" is a case that is meant to be wrong
+TONES = {  # text of a verdict or status -> tone (colour) of its cell; "control" is a case that is wrong on purpose
     **dict.fromkeys(("holds", "pass", "ok"), "good"),
     **dict.fromkeys(("open", "not shown", "degraded", "misprint", "loose", "skip", "control"), "warn"),
     **dict.fromkeys(("reversed", "refuted", "failed", "wrong", "not valid"), "bad"),
@@ -58,7 +58,7 @@ class Table:
     numeric: Collection[int] = ()
     folded: bool = False
     note: str = ""
-    kind = "table"  # by this name the templates choose how to print a block
+    kind = "table"  # from this name a template knows how to print the block
 
 
 @dataclass(frozen=True)
@@ -79,11 +79,11 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Finding:
-    """Sentences, with a title, that are computed from the rows of a run's tables.
+    """A title and sentences, which are computed from the rows of a run's tables.
 
     Attributes:
         tone: "good", "bad", "warn" or "".
-        short: the finding in one sentence, for pages that have the tables beside it; empty if the first sentence of `text` serves.
+        short: the finding in one sentence, for pages that show `behind`; if empty, the first sentence of `text` takes its place.
         behind: tables of the rows from which the sentences were computed.
     """
 
@@ -109,7 +109,7 @@ class Chart:
         toggles: engines that a reader may hide and show.
         shown: engines that are visible at first; by default all of them.
         small: whether the figure is drawn in a card (a framed box) of the first page.
-        listed: rows of the table of numbers; None if they are all of `rows`.
+        listed: rows of the table of numbers; None for all of `rows`.
     """
 
     name: str
@@ -126,7 +126,7 @@ class Chart:
     kind = "chart"
 
     def table(self) -> Table:
-        """Return the table of numbers below the figure: those of `listed` or, if it is None, those of `rows`."""
+        """Return the table of numbers below the figure."""
         numeric = {c for c in self.head if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
         columns = [(words, ".4g" if c in numeric else "text", c) for c, words in self.head.items()]
         rows = self.rows if self.listed is None else self.listed
@@ -171,7 +171,7 @@ def pack_rows(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def to_json(x: Any) -> Any:
-    """Return a value for JSON: a float with five significant digits, None if it is not finite."""
+    """Return a value for JSON: a float is rounded to five significant digits, or None if it is not finite."""
     if not isinstance(x, float):
         return x
     return round_digits(x, 5) if math.isfinite(x) else None
@@ -194,7 +194,7 @@ def print_as(form: str) -> Callable[[float], str]:
 
 FORMS: Mapping[str, Callable[[float], str]] = {  # name of a number format in `layouts.toml` -> function that formats a number
     "error": error_text,
-    "exact": lambda x: error_text(x) if x else "0",  # an error that can be zero exactly
+    "exact": lambda x: error_text(x) if x else "0",  # an error that can be exactly zero
     "times": ratio_text,
     "time": time_text,
     "percent": lambda x: f"{100 * x:.0f} %",
@@ -216,7 +216,7 @@ def missing_reason(row: Row, key: str) -> str:
     1. the row's entry `why_` + `key`, a reason for this cell alone;
     2. the reason for this column in `[reasons.always]` of `layouts.toml`;
     3. the row's entry `missing`, a reason for all cells of the row;
-    4. the row's status, if its case did not end;
+    4. the row's status, if the case did not end;
     5. the reason for this column in `[reasons.ended]` of `layouts.toml`, for cases that ended.
     """
     if row.get(f"why_{key}"):
@@ -262,7 +262,7 @@ def _value_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
                 return Cell(NOTHING)
             return text_cell("yes", "good") if value else text_cell("no", "bad")
         case ["step"]:
-            # the integrator chose its steps if the row has no positive step, or if its number of steps does not fit the step
+            # the integrator chose its steps if the row has no positive step, or if the number of steps does not match the step
             is_fixed = number(row, key) > 0 and not (has_ended(row) and chose_steps(row))
             return make_cell(row, "g", key) if is_fixed or key not in row else Cell("own", 0.0)
         case ["range", form]:
@@ -289,7 +289,7 @@ def status_cell(row: Row) -> Cell:
 
 @cache
 def layouts() -> dict[str, Any]:
-    """Return `layouts.toml`: name of a table -> its title, columns and, if given, introduction (`words`), note, and whether folded.
+    """Return `layouts.toml`: name of a table -> `title` and `columns`; optionally `words` (an introduction), `note` and `folded`.
 
     `empty` is the text for a table without rows. `texts` and `notes` have sentences by name; `missing_reason` describes `reasons`.
     """
@@ -300,7 +300,7 @@ def make_table(title: str, columns: Sequence[Sequence[str]], rows: Iterable[Row]
     """Return the table of rows.
 
     Args:
-        columns: (head, kind of the cells, column of the rows, perhaps the column of the error bar), as in `layouts.toml`.
+        columns: (head, kind of the cells, column of the rows, optionally the column of the error bar), as in `layouts.toml`.
     """
     lines = [[make_cell(row, *column[1:]) for column in columns] for row in rows]
     numeric = [i for i, (_, kind, *_) in enumerate(columns) if kind not in TEXT_KINDS]
@@ -323,7 +323,7 @@ def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", 
 
 
 def blocks_of(name: str, rows: Sequence[Row], /, **more: Any) -> list[Block]:
-    """Return introduction and table of rows by the layout `name`; without rows, only its text `empty`, if it has one."""
+    """Return introduction and table of the layout `name`; without rows, its text `empty` alone, or nothing if it has none."""
     layout = layouts()[name]
     if not rows:
         return [Text(layout["empty"])] if "empty" in layout else []

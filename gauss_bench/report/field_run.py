@@ -1,6 +1,6 @@
 """Find the run of the suite `field`, which is stored in the subfolder `field` of another run's folder.
 
-`make field` calls `python -m gauss_bench.report.field_run reports/field`, which removes the tables of this run that no page reads.
+`make field` runs `python -m gauss_bench.report.field_run reports/field`, which removes the tables that no page reads.
 """
 
 import sys

@@ -1,7 +1,7 @@
 """The first table of README, the summary and the site: the run time that each engine needs to meet an accuracy requirement.
 
-README has the table between two marker lines, where `make publish` writes it. A row belongs to an engine or, for Pinocchio, to the
-engine with one kind of loop over the steps; variables with the name of a row, such as "pinocchio, compiled", are called `loop`.
+README has the table between two marker lines. A row belongs to an engine; Pinocchio has one row for each kind of loop over the
+steps. Variables with the name of a row, such as "pinocchio, compiled", are called `loop`.
 """
 
 import math
@@ -17,12 +17,12 @@ from gauss_bench.report.site.settings import Setting, all_settings, cheapest, ch
 from gauss_bench.report.words import NOTHING, error_text, limit_text, range_text, ratio_text, time_text
 
 FIRST = 1e-6  # [m] accuracy of the first table
-SHOWN = ("four_bar", "six_bar")  # linkages of one loop and of two, for which the table has error, time and multiple
+SHOWN = ("four_bar", "six_bar")  # linkages (one loop, two loops) for which the table has error, time and multiple
 BEGIN, END = "<!-- first table, written by make publish -->", "<!-- end of the first table -->"
 
 
 def loop_of(engine: str, settings: str) -> str:
-    """Return the name of a row: the engine, for Pinocchio with its loop, such as "pinocchio, compiled"."""
+    """Return the name of a row: the engine; for Pinocchio also its kind of loop, as in "pinocchio, compiled"."""
     if engine != "pinocchio":
         return engine
     return f"{engine}, {'compiled' if settings.startswith('compiled') else 'called from Python'}"
@@ -38,7 +38,7 @@ def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setti
     groups = group_by_loop(all_settings(run).get(mechanism, [])).items()
     # `cheapest` returns one setting at most, because each group has one engine
     searched = {loop: setting for loop, settings in groups for setting in cheapest(settings, position).values()}
-    # settings of a race at exactly this accuracy replace others
+    # settings that were raced at exactly this accuracy take precedence
     return searched | {loop_of(x.engine, x.settings): x for x in cheapest_stored(run, mechanism, position).values()}
 
 
@@ -49,12 +49,12 @@ def mark_own(run: Run, loop: str) -> str:
 
 @dataclass(frozen=True)
 class Results:
-    """The results on one linkage, each by the name of a row (`loop_of`).
+    """The results on one linkage: dictionaries whose keys are names of rows (`loop_of`).
 
     Attributes:
         tried: the row's trials in the table `search_ladder`.
         leaders: the cheapest setting with a position error of at most FIRST, if there is one.
-        multiples: time of the leader divided by that of the fastest leader; without unknown times.
+        multiples: time of the leader divided by that of the fastest leader; leaders of unknown time are left out.
     """
 
     tried: Mapping[str, Sequence[Row]]
@@ -62,7 +62,7 @@ class Results:
     multiples: Mapping[str, float]
 
     def cells(self, loop: str) -> list[Cell]:
-        """Return error, time and multiple of a row; without a leader, the reason and two dashes."""
+        """Return the cells error, time and multiple of a row; without a leader, the reason and two dashes."""
         leader = self.leaders.get(loop)
         if leader is None:
             why = explain_missing(self.tried.get(loop, []), FIRST)
@@ -85,7 +85,7 @@ def collect_results(run: Run) -> dict[str, Results]:
 
 
 def first_table(run: Run) -> Table | None:
-    """Return the table of the searched engines and what each needs to hold FIRST [m]; None if no engine holds FIRST."""
+    """Return the table of the searched engines with what each needs to hold FIRST [m]; None if no engine holds FIRST."""
     results = collect_results(run)
     if not any(x.leaders for x in results.values()):
         return None
@@ -109,7 +109,7 @@ def first_table(run: Run) -> Table | None:
 def explain_missing(rows: Iterable[Row], position: float) -> str:
     """Return in a few words why an engine has no time within `position` [m] on a linkage, from its rows of `search_ladder`.
 
-    Either no trial met the accuracy, or no trial that met it was timed in a race.
+    Either no trial met the accuracy, or no race timed such a trial, or the engine did not run on the linkage.
     """
     variants = group_by(rows, "settings", "integrator", "stabilization").values()
     trials = [[trial_of(row) for row in variant] for variant in variants]

@@ -43,7 +43,7 @@ def make_environment(package: str, autoescape: bool = True) -> jinja2.Environmen
 
 
 def list_facts(run: Run) -> list[str]:
-    """Return suite, date, commit and processor of a run, as far as it recorded them."""
+    """Return the suite, date, commit and processor that a run recorded."""
     environment = run.environment
     suite = f"suite {environment['suite']}" if "suite" in environment else ""
     changes = " with changes" if environment.get("dirty") else ""  # the working tree had uncommitted changes
@@ -53,7 +53,7 @@ def list_facts(run: Run) -> list[str]:
 
 
 def markdown_page(run: Run, sections: Sequence[Section]) -> str:
-    """Return the Markdown of a page: the facts of a run in a line, then sections."""
+    """Return the Markdown of a page: one line with the facts of a run, then sections."""
     environment = make_environment("gauss_bench.report", autoescape=False)  # the filter `plain` escapes texts for Markdown
     environment.filters |= {"plain": escape_markdown, "md_cell": markdown_cell}
     text = environment.get_template("page.md").render(sections=sections, facts=list_facts(run))
@@ -64,7 +64,7 @@ def fault_sections(faults: Mapping[str, str], engine: str) -> list[Section]:
     """Return a section for each report on a fault in the library of an engine, sorted by the names of the reports.
 
     Args:
-        faults: name of a report -> its text in Markdown. A name begins with that of the engine and an underscore. A text has a
+        faults: name of a report -> its text in Markdown. The name begins with the engine's name and an underscore. The text has a
             title in its first line, then paragraphs, lists and tables, separated by empty lines.
     """
     sections = []
@@ -77,13 +77,13 @@ def fault_sections(faults: Mapping[str, str], engine: str) -> list[Section]:
 
 
 def read_block(text: str) -> Block:
-    """Return the paragraph, list or table of a block in Markdown."""
+    """Convert a block of Markdown to a paragraph, list or table."""
     if text.startswith("- "):
         return Bullets([" ".join(x.split()) for x in text.removeprefix("- ").split("\n- ")])
     if not text.startswith("|"):
         return Text(" ".join(text.split()))
-    # `rule` is the second line of a table in Markdown; there `--:` marks a column that is aligned right, which has numbers
+    # `rule`, the second line of a table in Markdown, has `--:` for each column of numbers, which are aligned right
     head, rule, *lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
     numeric = [i for i, mark in enumerate(rule) if mark.endswith(":")]
-    # the title of the table lists the heads of its columns except the first
+    # the title lists the heads of all columns except the first
     return Table(", ".join(head[1:]), head, [[text_cell(cell) for cell in line] for line in lines], numeric)

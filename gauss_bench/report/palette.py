@@ -31,7 +31,7 @@ def engine_colours(engines: Iterable[str]) -> dict[str, str]:
 
 
 def assign_hues(engines: Iterable[str]) -> dict[str, str]:
-    """Return label -> CSS variable with the colour of its engine; engines outside HUES get colours that are unused, then grey.
+    """Return label -> CSS variable with the colour of its engine; engines outside HUES get unused colours, then grey.
 
     Args:
         engines: labels such as "gauss", "gauss (own)" or "pinocchio, compiled", which begin with the name of an engine.

@@ -1,7 +1,7 @@
-"""The two pictures of README as SVG files: one linkage that moves in two engines, and the error of all engines against their time.
+"""The two pictures of README as SVG files: the motion of one linkage by two engines, and the errors of all engines against time.
 
-Both pictures are made from stored rows alone, follow the dark mode of the reader, and are reproducible byte for byte.
-`python -m gauss_bench.report.pictures REPORTS README.md` writes both and README's first table; `make publish` calls it.
+Both pictures are made from stored rows alone, follow the reader's dark mode, and are reproducible byte for byte. `make publish` and
+`make field` run `python -m gauss_bench.report.pictures REPORTS README.md`, which writes both and README's first table.
 """
 
 import math
@@ -42,7 +42,7 @@ MAGNIFICATION = 100.0  # of loop openings, the same in both runs
 SPACING = math.radians(8)  # turn of the crank between two drawn poses
 OPEN = 1.0  # [px] a joint is drawn open if its ends are farther apart
 RED = "#c62828"
-GAP, TOP, LINE, TEXTS = 20.0, 20.0, 26.0, 78.0  # [px] between the halves, above them, height of a line, height of all texts
+GAP, TOP, LINE, TEXTS = 20.0, 20.0, 26.0, 78.0  # [px] gap between both halves, space above, line height, height of texts
 COARSEST = 1e-2  # [m] larger errors are not drawn: the linkage is half a metre long
 # [px] wider on the right, so that the legend also fits in fonts that are wider than the one in which it was measured
 PADDING = {"left": 16, "top": 16, "right": 52, "bottom": 16}
@@ -71,12 +71,12 @@ def motion_picture(run: Run) -> str:
         film, slower = make_film(t, states, canvas)  # both films are equally slow, since they have the same times
         parts += [
             f'<g transform="translate({i * (canvas.width + GAP):.0f} {TOP:.0f})">',
-            # the ground, whose parts neither move nor belong to a link
+            # the ground symbols and the guides on the ground
             *(part.draw() for part in still if part.link == GROUND and part.local is None),
             '<g class="motion-film">',
             *film_parts(mechanism, film, canvas),
             '</g><g class="motion-still" display="none">',
-            *(part.draw() for part in still if part.title),  # parts with a title are links
+            *(part.draw() for part in still if part.title),  # links: only these have a title
             "</g>",
             draw_text(canvas.width / 2, canvas.height, name, INK, 21),
             draw_text(canvas.width / 2, canvas.height + LINE, opening, MUTED, 18),
@@ -98,7 +98,7 @@ def spread_times(times: Array, crank: Array) -> Array:
     """
     crank_at: Any = PchipInterpolator(times, crank)
     fine = np.linspace(0.0, END, 2001)  # [s]
-    # the travelled angle only grows, even if the crank swings back: so time can be interpolated at equal parts of this angle
+    # the travelled angle never falls, even if the crank swings back: so time can be interpolated at equal parts of this angle
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(crank_at(fine))))])  # (2001,) [rad]
     return np.interp(np.linspace(0.0, travelled[-1], 1 + math.ceil(travelled[-1] / SPACING)), travelled, fine)
 
@@ -122,13 +122,13 @@ def magnify_openings(run: StoredRun, turn: Turn, times: Array, reference: Array,
 
 
 def largest_gap(mechanism: Mechanism, run: StoredRun, reference: Array, times: Array) -> float:
-    """Return the largest distance [m] between both ends of a joint, over the stored poses of a run up to END.
+    """Return the largest distance [m] between the two ends of a joint, over the stored poses of a run up to END.
 
     Args:
         reference, times: states (l, n) of the reference, and their times (l,) [s].
     """
     shown = times <= END
-    # states of the reference, and the same with the difference `run.gap` that opens the joints of the run
+    # states of the reference, without and with the difference `run.gap`, which opens joints
     closed, opened = reference[shown], (reference + run.gap.reshape(len(reference), -1))[shown]
     gaps = []
     for joint in mechanism.joints:
@@ -167,7 +167,7 @@ def cost_picture(run: Run) -> str:
     spec |= {"data": {"values": rows}, "width": 900, "padding": PADDING, "config": GRAMMAR["config"] | LOOK}
     drawn = vl_convert.vegalite_to_svg(spec, vl_version=VEGA_LITE)
     width, height = (float(x) for x in re.findall(r'(?:width|height)="([\d.]+)"', drawn)[:2])
-    inside = drawn[drawn.index(">") + 1 : drawn.rindex("</svg>")]  # what its <svg> element contains
+    inside = drawn[drawn.index(">") + 1 : drawn.rindex("</svg>")]  # content of its <svg> element
     title = (
         "Error against time on the four-bar, of each engine the settings that none of its others beats in both; "
         f"{len(rows)} settings of {len(fronts)} engines"
@@ -176,7 +176,7 @@ def cost_picture(run: Run) -> str:
 
 
 def pareto_fronts(run: Run) -> dict[str, list[Setting]]:
-    """Return engine, as `loop_of` names it -> its Pareto-optimal settings on LINKAGE with errors of at most COARSEST [m].
+    """Return name of an engine (`loop_of`) -> its Pareto-optimal settings on LINKAGE with errors of at most COARSEST [m].
 
     Engines are sorted by the least time of their settings with an error of at most FIRST [m].
     """
@@ -205,7 +205,7 @@ def write_svg(title: str, width: float, height: float, parts: Sequence[str], sty
     start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" font-family="Helvetica, Arial, sans-serif">'
     paper = f'<rect width="100%" height="100%" rx="12" fill="{PAPER}"/>'
     drawn = "\n".join([f"{start}<title>{escape(title)}</title>", paper, *parts, "</svg>\n"])
-    # `inline` replaces colours by CSS variables; the style that defines these variables is added afterwards, to keep its colours
+    # `inline` replaces colours by CSS variables; the style that defines these variables is added later, so that its colours stay
     return inline(drawn, "picture").replace("<title>", f"<style>{look}</style><title>", 1)
 
 

@@ -50,7 +50,7 @@ class Run:
         return self.beside or self
 
     def table(self, name: str) -> tuple[Row, ...]:
-        """Return the rows of a table; no rows if the run did not fill it."""
+        """Return the rows of a table; the result is empty if the run did not fill it."""
         return self.tables.get(name, ())
 
     @property

@@ -18,8 +18,8 @@ from gauss_bench.report.site.settings import race_multiples
 from gauss_bench.report.words import NOTHING, count, itemise, ratio_text
 
 BOLD = "**"  # mark around bold text: findings print in bold the sentences in which the suite's own engines lose
-DEFEAT = "slower"  # word by which other sentences in which the suite's own engines lose are recognised
-SHORT, LONGEST = 40, 800  # [characters] a shorter first sentence says too little alone; longest summary of a finding
+DEFEAT = "slower"  # word that marks other sentences in which the suite's own engines lose
+SHORT, LONGEST = 40, 800  # [characters] shortest first sentence that says enough alone; longest summary of a finding
 
 
 def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:

@@ -10,7 +10,7 @@ from itertools import pairwise
 from gauss_bench.report.rows import Row, group_by, is_known, spread
 from gauss_bench.report.words import count
 
-MOST_NAMES, LONGEST = 3, 80  # largest numbers of names in a sentence, and of characters of a reason
+MOST_NAMES, LONGEST = 3, 80  # limits: names in a sentence, and characters of a reason
 DEFAULT, WORKS, THERE, ABSENT = "default", "works", "there", "not there"  # values of the columns `quantity`, `was` and `now`
 EXCEPTION = re.compile(r"^\w+(Error|Failure|Warning): ")
 PLACE_IN_CODE = re.compile(r" (\(\w+\.py:\d+\)|\[file '[^']*', line \d+\]:?)")
@@ -62,7 +62,7 @@ def describe_quantities(changes: Iterable[Row]) -> list[str]:
 
 
 def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on a number that differs: a cost by its ratios, others by the largest difference."""
+    """Return a sentence on a number that differs: a cost by its ratios, any other number by its largest difference."""
     if is_known(rows[0].get("ratio")):
         ratios = (spread(row, "ratio").print_with("{:.2f}".format).replace("..", " to ") for row in rows)
         return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio}" for row, ratio in zip(rows, ratios, strict=True))
@@ -90,7 +90,7 @@ def describe_defaults(kind: str, rows: Sequence[Row]) -> str:
 
 
 def name_some(names: Sequence[str], between: str) -> str:
-    """Return the first MOST_NAMES names, joined by `between`, and the number of the others."""
+    """Return the first MOST_NAMES names, joined by `between`, and the number of further names."""
     more = f"{between}and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     return between.join(names[:MOST_NAMES]) + more
 
@@ -102,7 +102,7 @@ def shorten(answer: str) -> str:
 
 
 def describe_rounding(after: Row) -> str:
-    """Return a sentence on the numbers of a release that equal those of the one before, exactly or but for rounding."""
+    """Return a sentence on the numbers of a release that equal those of the previous release, exactly or within rounding."""
     figures = f"{int(after['rounding'])} of {int(after['compared'])} figures"
     if after["largest_rounding"] == 0:
         return f"equal to the last bit: {figures}"

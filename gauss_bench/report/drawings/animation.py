@@ -4,9 +4,9 @@ A link is drawn once, in its own frame, and an SVG transform moves it by its cen
 
     x = z + R(theta) local   as   translate(z) rotate(-theta), since y points down on the page.
 
-The browser interpolates linearly between the frames (states that the animation has). If a link turns by d_theta between two frames,
-a point at the distance r from z is drawn off its circular path by at most r d_theta^2 / 8. Readers who ask for reduced motion, and
-printers, get a still picture of the start.
+The browser interpolates linearly between the frames, the states in the file. If a link turns by d_theta between two frames, a point
+at the distance r from z is drawn off its circular path by at most r d_theta^2 / 8. In print, and in browsers set to reduced
+motion, a still picture of the start is shown.
 """
 
 from collections.abc import Sequence
@@ -24,11 +24,11 @@ from gauss_bench.report.palette import INK, MUTED, PAPER
 from gauss_bench.terms import Array
 
 TURN = np.radians(4.0)  # largest turn of a link between two frames: 0.1 px off the circle at a radius of 170 px
-FRAMES = 60  # smallest number of intervals between frames, if the motion has as many
+FRAMES = 60  # smallest number of intervals between frames, if the motion has enough states
 SHORTEST = 4.0  # [s] length of the shortest film; a shorter motion is slowed down
 REST = 0.8  # [s] rest at the end of a motion that does not return to its beginning
-CLOSED = 0.5  # [px, degrees] a motion returns to its beginning if its end differs less
-STILL = 0.005  # [px, degrees] a part that moves less is drawn at rest, since the file has no more digits
+CLOSED = 0.5  # [px, degrees] a motion returns to its beginning if its end differs by less
+STILL = 0.005  # [px, degrees] a part that moves by less is drawn at rest: the file has two decimals
 STYLE = "@media print,(prefers-reduced-motion:reduce){.motion-film{display:none}.motion-still{display:inline}}"
 HALO = f'paint-order="stroke" stroke="{PAPER}" stroke-width="3" stroke-linejoin="round"'  # keeps a name legible over bars
 
@@ -37,7 +37,7 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     """Return the SVG of a linkage moving through states q (k, n) at times t (k,) [s], with the paths of points.
 
     Raises:
-        ValueError: fewer than two states, or times that do not increase.
+        ValueError: fewer than two states, or times that do not match or do not increase.
     """
     if len(q) < 2 or len(t) != len(q) or not np.all(np.diff(t) > 0):
         raise ValueError("a motion needs two or more states at increasing times")
@@ -74,7 +74,8 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
 def choose_frames(t: Array, q: Array) -> list[int]:
     """Return the indices of the states q (k, n) that become frames of an animation, with the first and the last state.
 
-    They are as few as possible, but no link turns by more than TURN, and no more than the duration / FRAMES passes, between two.
+    There are as few frames as possible. From frame to frame a link turns by at most TURN, and the time is at most the duration /
+    FRAMES, unless neighbouring states are farther apart.
 
     Args:
         t: times (k,) of the states [s].
@@ -142,7 +143,7 @@ def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
 
 
 def draw_pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:
-    """Return the SVG of the caption "slowed x times" in the corner with most room; nothing if it is not slowed.
+    """Return the SVG of the caption "slowed x times" in the corner with most room; nothing without slowing.
 
     Args:
         avoid: segments (k, 2, 2) [px] from which the caption keeps away.

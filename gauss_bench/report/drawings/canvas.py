@@ -73,9 +73,9 @@ class Part:
 
         Args:
             more: further attributes of the group, with a space before each.
-            inside: SVG elements below the shapes.
+            inside: SVG elements before the shapes.
         """
-        (x, y), turn = self.place[0], round(self.turn[0], 2)  # rounded first: an angle of 1e-30 on one machine is 0 on another
+        (x, y), turn = self.place[0], round(self.turn[0], 2)  # rounded first: 1e-30 on one machine may be 0 on another
         tooltip = f"<title>{escape(self.title)}</title>" if self.title else ""
         move = f"translate({x:.2f} {y:.2f})" + (f" rotate({turn:.2f})" if turn else "")
         return f'<g{more} transform="{move}">{tooltip}{inside}{"".join(self.shapes)}</g>'

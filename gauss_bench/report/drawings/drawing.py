@@ -85,8 +85,8 @@ def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
     line = np.array([[-half, 0.0], [0.0, 0.0], [half, 0.0]])  # around its middle
 
     def room(corner: Array) -> float:
-        """Return the rounded distance [px] of the line from the segments."""
-        # beyond 100 px all corners are equally good, and the first is taken
+        """Return the distance [px] between the line and the segments, as a whole number of at most 100."""
+        # corners at 100 px or more are equally good: `max` takes the first
         return min(100.0, round(distance(corner + line, avoid)))
 
     return max(corners, key=room)
@@ -108,7 +108,7 @@ def fit_canvas(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()
 def canvas_of(mechanism: Mechanism, states: Array) -> Canvas:
     """Return a canvas that contains a linkage, its observed points and the guides on its links, at all states (k, n)."""
     slides = [joint for joint in mechanism.joints if isinstance(joint, Prismatic) and joint.guide.link != GROUND]
-    # guides on the ground are left out: the canvas contains their blocks, and may cut what is longer
+    # guides on the ground may be cut off, because the canvas contains their blocks
     ends = [end for joint in slides for end in guide_ends(joint, states, extension=0.0)]
     return fit_canvas(mechanism, states, (*mechanism.observed_points, *ends))
 
@@ -119,7 +119,7 @@ def linkage_parts(
     """Yield all parts of the drawing of a linkage at states (k, n), from the background to the front.
 
     Args:
-        trace: states (l, n) that give the travel of blocks, and so the length, of guides on the ground; if None, `states`.
+        trace: states (l, n) over which blocks travel along guides on the ground, which cover this travel. By default `states`.
         forces: whether forces and drivers are drawn.
         letters: name of an observed point -> an SVG text that moves with it.
     """
@@ -137,7 +137,7 @@ def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterato
     """Yield the ground symbols under pins on the ground, and the guides on the ground.
 
     Args:
-        states: (k, n) states of the motion. At each end, a guide is drawn BEYOND [px] longer than its block travels in them.
+        states: (k, n) states of the motion. A guide extends by BEYOND [px] past the travel of its block at each end.
     """
     ends = [end for joint in mechanism.joints if isinstance(joint, Revolute) for end in (joint.a, joint.b)]
     fixed = [point for point in (*ends, *attachments(mechanism)) if point.link == GROUND]
@@ -148,12 +148,12 @@ def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterato
     for joint in mechanism.joints:
         if isinstance(joint, Prismatic) and joint.guide.link == GROUND:
             line = np.array([canvas.at(end.local) for end in guide_ends(joint, states, BEYOND / canvas.scale)])
-            # the line is in pixels of the picture, so that the part stands at (0, 0)
+            # the line is in pixels of the picture, so the frame of the part is that of the picture
             yield make_part([*hatch(*lines_beside(line)[0]), stroke(GUIDE, line)], np.zeros(2), reach=lines_beside(line))
 
 
 def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Mapping[str, str]) -> Iterator[Part]:
-    """Yield the drawn symbols of pins and observed points at states (k, n)."""
+    """Yield the symbols of pins and observed points at states (k, n)."""
     pins = [joint.a for joint in mechanism.joints if isinstance(joint, Revolute)]
     tracks = [canvas.at(position(states, pin)) for pin in pins]  # pixels (k, 2) of each pin
     # a pin through several links consists of several joints that begin at one place: draw it once
@@ -180,7 +180,7 @@ def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Pa
             # direction of the guide in the frame of the block's link
             (x, y), turn = canvas.offset(joint.block.local), -np.degrees(joint.angle - joint.turn)
             shapes.append(BLOCK.replace("<rect ", f'<rect transform="translate({x:.1f} {y:.1f}) rotate({turn:.2f})" '))
-            # three lines through the rectangle BLOCK
+            # the middle line of the rectangle BLOCK, and a line 3 px beyond each long side
             reach += [[(x - 18, y + side), (x + 18, y + side)] for side in (-14, 0, 14)]
     corners = {name: canvas.offset(x - link.com) for name, x in link.points.items()}
     bars = [np.array([corners[a], corners[b]]) for a, b in bar_ends(link)]
@@ -189,7 +189,7 @@ def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Pa
     if len(outline):
         shape = f'd="{path_data(outline, closed=True)}" stroke-linejoin="round"'
         shapes.append(f'<path {shape} fill="{fill}" fill-opacity="0.45" stroke="{edge}" stroke-opacity="0.35"/>')
-    # a bar is a wide line in the colour of its edge with a narrower line over it
+    # a bar is a wide line in the edge colour with a narrower line over it
     for width, colour in ((BAR, edge), (BAR - 3, fill)) if bars else ():
         shapes.append(stroke(f'fill="none" stroke="{colour}" stroke-width="{width:g}" stroke-linecap="round"', *bars))
     place, turn = canvas.at(states[:, 3 * i : 3 * i + 2]), -np.degrees(states[:, 3 * i + 2])
@@ -203,12 +203,12 @@ def hull(points: Array) -> Array:
 
 
 def bar_ends(link: Link) -> list[tuple[str, str]]:
-    """Return the names of both points that each bar of a link joins; without bars, those of consecutive points."""
+    """Return the names of the end points of each bar of a link; without bars, of each pair of consecutive points."""
     return list(link.bars) or list(pairwise(link.points))
 
 
 def guide_ends(joint: Prismatic, states: Array, extension: float) -> tuple[Point, Point]:
-    """Return both ends of a guide as points of its link: the travel of the block over states (k, n), extended at each end [m]."""
+    """Return both ends of a guide as points of its link: the block's travel over states (k, n), plus `extension` [m]."""
     travel = value(joint.motion, states)
     axis = direction(joint.angle)
     start = joint.guide.local + joint.offset * turn_left(axis)

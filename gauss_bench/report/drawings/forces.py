@@ -1,12 +1,12 @@
 """Draw the symbols of forces and drivers, as parts that move and turn with the linkage.
 
-spring                zigzag between its points; with a damper both side by side
+spring                zigzag between its points; a damper, if any, beside it
 damper                dashpot between its points; a dotted ring around a pin whose turning is damped
 rotational spring     spiral around the pin
-constant torque       curved arrow around the pin, in its own sense
-prescribed rotation   curved arrow and a ring, the motor
+constant torque       curved arrow around the pin, in the sense of the torque
+prescribed rotation   a motor: curved arrow and a ring
 prescribed slide      arrow along the guide
-prescribed length     a cylinder, its barrel at the first of its points
+prescribed length     a cylinder with the barrel at the first point
 force at a point      arrow whose head is at the point
 """
 
@@ -27,8 +27,8 @@ BARREL = 0.55  # length of the barrel as a share of the cylinder's shortest leng
 UNSCALED = 'vector-effect="non-scaling-stroke"'  # keeps the width of lines in a stretched part
 LINE = f'fill="none" stroke="{INK}" stroke-width="1.4" stroke-linejoin="round" stroke-linecap="round" {UNSCALED}'
 PUSH = f'fill="none" stroke="{CRANK_EDGE}" stroke-width="2" stroke-linecap="round"'
-LEAD = 0.14  # share of the length at either end before spring and damper separate
-# points of a spring and of a damper's pot and piston are (share of the length, px beside the line)
+LEAD = 0.14  # share of the length, at each end, that spring and damper have in common
+# points of a spring, and of a damper's pot and piston, as (share of the length, px beside the line)
 COILS = np.stack([np.linspace(0.2, 0.8, 29)[1::2], HALF * (-1.0) ** np.arange(14)], axis=-1)  # (14, 2)
 POT = (((0.62, -6), (0.4, -6), (0.4, 6), (0.62, 6)), ((0.52, -4), (0.52, 4)))
 RING = f'<circle r="9" fill="none" stroke="{BODY_EDGE}" stroke-width="2.4" stroke-dasharray="2.2 2.5"/>'
@@ -70,7 +70,7 @@ def force_parts(mechanism: model.Mechanism, states: Array, canvas: Canvas) -> It
                 foot = canvas.at(position(states, item.point) - along_axis[:, None] * axis)
                 yield from spring_damper(item.name, foot, at(item.point), item.k, item.c)
             case model.RotationalSpringDamper():
-                shapes = [shape for shape, factor in ((COIL, item.k), (RING, item.c)) if factor]  # of the spring, of the damper
+                shapes = [shape for shape, factor in ((COIL, item.k), (RING, item.c)) if factor]  # spring, damper
                 yield ring_part(item.name, shapes, at(_pin(mechanism, item.a, item.b)), 14.0, -np.degrees(angle(item.b)))
             case model.JointDamping():
                 for pair in item.pairs[:1]:
@@ -103,7 +103,7 @@ def _pin(mechanism: model.Mechanism, a: int, b: int) -> model.Point:
     The point is the first pin that joins a and b; without such a pin, the first pin that joins b to the ground; without either, the
     centre of mass of b (of a if b is the ground).
     """
-    # reversed, so that the first of several pins between the same links replaces the others
+    # reversed, so that of several pins between the same links the first is kept
     pins = {frozenset((j.a.link, j.b.link)): j.a for j in reversed(mechanism.joints) if isinstance(j, model.Revolute)}
     centre = model.Point(b if b != model.GROUND else a, np.zeros(2), "")
     return pins.get(frozenset((a, b))) or pins.get(frozenset((model.GROUND, b)), centre)
@@ -131,8 +131,7 @@ def motion_along(a: Array, b: Array) -> tuple[float, dict[str, Array]]:
 def spring_damper(name: str, a: Array, b: Array, k: float, c: float) -> Iterator[Part]:
     """Yield the symbols of a spring (if k is not 0) and of a damper (if c is not 0) between a and b (n, 2) [px].
 
-    Points of the lines are (share of the length, px beside the line). If there are both, spring and damper are drawn side by side
-    from LEAD to 1 - LEAD, with short lines that join them at both ends.
+    A spring and a damper are drawn side by side from LEAD to 1 - LEAD of the length, with short lines that join them at both ends.
     """
     length, motion = motion_along(a, b)
     side, ends = (SIDE, (LEAD, 1 - LEAD)) if k and c else (0.0, (0.0, 1.0))
@@ -167,7 +166,7 @@ def cylinder(name: str, a: Array, b: Array) -> Iterator[Part]:
 
 
 def arrow(start: float, end: float, sense: float = 1.0) -> list[str]:
-    """Return the SVG elements of an arrow along the x axis from `start` to `end` [px]; the sense -1 mirrors it at x = 0."""
+    """Return the SVG elements of an arrow along the x axis from `start` to `end` [px]; the sense -1 mirrors it about x = 0."""
     line = f'<path d="M{sense * start:.1f} 0H{sense * (end - 8):.1f}" {PUSH}/>'
     head = path_data(np.array([(end, 0), (end - 9, 4.5), (end - 9, -4.5)]) * (sense, 1), closed=True)
     return [line, f'<path d="{head}" fill="{CRANK_EDGE}"/>']

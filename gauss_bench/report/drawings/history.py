@@ -90,12 +90,12 @@ def _magnitude_lines(curves: Sequence[Curve], first: str, second: str) -> tuple[
 
 
 def plot(history: History, caption: Caption, head: bool = True) -> Figure:
-    """Return the plot of all curves of a run, in panels one below the other, below the caption's texts if `head`."""
+    """Return the plot of all curves of a run, in panels one below the other; the caption's texts are above if `head`."""
     panels = panels_of(history)
     texts = [(line, MUTED) for line in textwrap.wrap(caption.how, LETTERS)]
     texts += [(line, CRANK_EDGE) for line in textwrap.wrap(caption.verdict, LETTERS)]
-    # [inch] below: 0.36 for the title, 0.165 for each line of the other texts, 0.12 for the left margin; the baseline of the title
-    # is 0.25 from the top, that of the first line 0.45
+    # in inches: 0.36 for the title, 0.165 for each further line, 0.12 for the left margin; the baseline of the title is 0.25 from
+    # the top, that of the first further line 0.45
     top = 0.36 + 0.165 * len(texts) if head else 0.0  # height of the texts
     height = top + sum(panel.height for panel in panels) + FOOT  # [inch]
     with matplotlib.rc_context(STYLE):
@@ -123,7 +123,7 @@ def _draw_panel(axes: Axes, panel: Panel, t: Array, caption: Caption) -> None:
     until, trusted = caption.until, caption.trusted
     # (k,) whether a sample is trusted: the judge has no objection to the run up to the time of the sample
     is_trusted = t <= (until if trusted is None else max(trusted, float(t[0])))
-    # values that are not trusted do not affect the limits of the axis
+    # only trusted values determine the limits of the axis
     low, high = panel.limits or _axis_limits([x.values[is_trusted] for x in panel.lines])
     colours = _choose_colours(panel, is_trusted)
     shown = np.unique(np.linspace(0, len(t) - 1, SAMPLES).round().astype(int))  # indices of the drawn samples
@@ -155,7 +155,7 @@ def _draw_panel(axes: Axes, panel: Panel, t: Array, caption: Caption) -> None:
 
 
 def _choose_colours(panel: Panel, is_trusted: NDArray[np.bool_]) -> dict[Line, int]:
-    """Return line -> index of its colour; of more than NAMED lines, only the NAMED lines with the largest trusted values.
+    """Return line -> index of its colour; if there are more than NAMED lines, for those with the largest trusted values.
 
     Args:
         is_trusted: (k,) whether a sample is trusted.
@@ -171,7 +171,7 @@ def _axis_limits(values: Sequence[Array]) -> tuple[float, float]:
     numbers = np.concatenate([np.ravel(x) for x in values])
     finite = numbers[np.isfinite(numbers)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
-    margin = 0.07 * (high - low) or 0.5 * abs(high) or 1.0  # the last two for a constant, and for a constant of zero
+    margin = 0.07 * (high - low) or 0.5 * abs(high) or 1.0  # 0.5 abs(high) for a constant, 1.0 for zero
     return low - margin, high + margin
 
 

@@ -47,13 +47,13 @@ def draw_names(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[P
     segments = np.vstack([*(part.lines() for part in parts), bar[None]])
     named = []  # name, candidate places, room beyond which places are equally good, style, whether the name may be left out
     for name, point in _named_points(mechanism, q, canvas):
-        wide = np.array([width_of(name) / 2 - 4.0, 0.0])  # half a name, less 4 px: a name beside its point stands close to it
+        wide = np.array([width_of(name) / 2 - 4.0, 0.0])  # half a name minus 4 px, so that a name beside a point is close to it
         # candidates around the point: at these distances [px] in all directions, and further to the sides for a wide name
         places = [point + r * unit + wide * unit for r in (15.0, 18.0, 21.0, 27.0, 34.0) for unit in AROUND]
         named.append((name, places, NEAR, f'fill="{INK}" font-style="italic"', False))
     for part in parts:  # links
         if part.title:
-            # a part whose `reach` is empty counts as a line of no length at its origin
+            # a part whose `reach` is empty counts as a line of zero length at its origin
             lines = part.lines() if len(part.reach) else np.tile(part.place[0], (1, 2, 1))
             named.append((part.title, _beside_lines(part.title, lines), FAR, f'fill="{MUTED}"', False))
     for part in parts:  # forces and drivers
@@ -82,7 +82,7 @@ def _beside_lines(name: str, lines: Array) -> list[Array]:
 
 
 def _named_points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, Array]]:
-    """Return (name, place (2,) [px]) of joints and observed points; only the first of several at one place."""
+    """Return (name, place (2,) [px]) of joints and observed points; of several at one place, only the first."""
     named = [(j.joint, j.a if isinstance(j, Revolute) else j.block) for j in mechanism.joints]
     named += [(p.name.partition(".")[2], p) for p in mechanism.observed_points]
     name_at: dict[tuple[float, float], str] = {}  # place -> the first name there
@@ -95,11 +95,11 @@ def _named_points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[
 def _choose_place(
     places: Sequence[Array], name: str, segments: Array, boxes: list[Array], size: tuple[float, float], enough: float
 ) -> tuple[Array, float]:
-    """Return the place with most room for a name, the first of equal ones, and this room [px].
+    """Return the place with the most room for a name (the first of equal places), and this room [px].
 
-    The room of a place is the distance [px] between the name and the nearest line; it is negative if the name overlaps another name
-    or the edge of the picture. Places with more room than `enough` are equally good. `segments` (l, 2, 2) are the lines [px],
-    `boxes` the boxes (4,) of the names so far, and `size` is that of the picture.
+    The room of a place is the distance [px] between the name and the nearest line; it is negative if the name overlaps a line,
+    another name or the edge of the picture. Places with more room than `enough` are equally good. `segments` (l, 2, 2) are the
+    lines [px], `boxes` the boxes (4,) of the names so far, and `size` is that of the picture.
     """
     half = width_of(name) / 2
     samples = np.linspace(-half, half, max(3, len(name)))
@@ -107,7 +107,7 @@ def _choose_place(
     others = np.array(boxes)
 
     def room(place: Array) -> float:
-        """Return the room [px] of the name with its middle at `place` (2,) [px]; minus ten times the overlap if it overlaps."""
+        """Return the room [px] of the name with its middle at `place` (2,) [px]; -10 times the overlap with a name or edge."""
         box = box_of(name, place)
         inside = min(box[0], box[1], size[0] - box[2], size[1] - box[3]) - EDGE
         # distances from other boxes along the axis on which they are farther apart; negative for boxes that overlap

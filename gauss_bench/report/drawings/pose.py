@@ -21,7 +21,7 @@ from gauss_bench.untrusted import parse_toml
 
 POSE_DEG = 60.0  # crank angle of the drawings, at which no built-in linkage is stretched or folded
 INTERVALS = 120  # equal intervals of a full turn
-FILES = "linkages"  # key of a run's environment: name of a linkage -> text of its file
+FILES = "linkages"  # key of a run's environment for a dictionary: name of a linkage -> text of its file
 
 
 def pose_links(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
@@ -35,8 +35,8 @@ def pose_document(
     """Return a linkage, the state q (n,) to draw, and the states (k, n) of a full turn of its crank.
 
     In the returned state the crank is at the angle `crank_deg`; the returned linkage has all forces of the file and no driver. If
-    the crank cannot reach this angle, the state is the start of the linkage's default scenario, and the linkage has the forces and
-    drivers of that scenario. If the crank cannot turn fully, the states of a turn are None.
+    there is no crank, or it cannot reach this angle, linkage and state are those of the default scenario at its start. If the crank
+    cannot turn fully, the states of a turn are None.
     """
     crank = document.get("crank")
     driver = {"link": crank, "law": "constant", "start_deg": crank_deg, "speed": 2 * np.pi}
@@ -81,10 +81,10 @@ def crank_angles(mechanism: Mechanism, states: Array) -> Array:
 
 
 def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
-    """Return document, digest and path of a linkage of a run: of its stored file, else of the built-in one.
+    """Return document, digest and path of a linkage of a run, from the file that the run stored or else the built-in file.
 
     Raises:
-        LinkageError: the linkage is neither built in nor stored, or is damaged.
+        LinkageError: the linkage is neither built in nor stored, or the stored file is damaged.
     """
     stored = run.environment.get(FILES)
     text = stored.get(name) if isinstance(stored, dict) else None
@@ -100,7 +100,7 @@ def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
 
 @lru_cache(maxsize=64)
 def pose_in(run: Run, name: str, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
-    """Return a linkage of a run, the state q (n,) to draw, and the states (k, n) of a full turn of its crank.
+    """Return the result of `pose_document` for a linkage of a run.
 
     Raises:
         LinkageError: for the same reasons as in `document_in`, or because the linkage does not load.

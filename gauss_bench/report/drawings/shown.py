@@ -16,8 +16,8 @@ from gauss_bench.report.plotting import png, svg
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Caption, History, Trajectory
 
-RATE = 20.0  # pictures of a GIF in a second
-MOST = 160  # largest number of pictures of a GIF; a film that would need more runs faster
+RATE = 20.0  # pictures per second of a GIF
+MOST = 160  # largest number of pictures of a GIF; a film that would need more is played faster
 
 
 def encode_curves(kind: str, caption: Caption, history: History) -> bytes:

@@ -19,11 +19,11 @@ from gauss_bench.report.words import count, error_text, itemise, range_text
 
 PLACE = 11
 SHRINKS = 2.0  # while the step falls 4-fold, an error that falls by a smaller factor than this is not caused by the step
-ERROR = "acceleration_error_median"  # column of the relative error
+ERROR = "acceleration_error_median"  # column of the median relative error
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on engines whose accelerations agree with the reference, on others, and on the negative control."""
+    """Yield findings on engines whose accelerations agree with the reference, on those that differ, and on negative controls."""
     rows = [row for row in acceleration_rows(run.results) if not row["control"]]
     yield from find_same_model(rows)
     yield from find_other_models(run, rows)
@@ -54,7 +54,7 @@ def list_errors(rows: Sequence[Row]) -> Table:
 
 
 def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
-    """Yield a finding for each setting whose accelerations differ from the reference, and whether a smaller step helps."""
+    """Yield a finding for each setting with other accelerations than the reference, and cases where a smaller step did not help."""
     for (name, settings), group in group_by(rows, "engine", "settings").items():
         off = [row for row in group if row[ERROR] > SAME_ACCELERATION]
         if off:
@@ -70,11 +70,8 @@ def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
 def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
     """Return the end of the sentence "A smaller step cannot change that", and a list with the table of the cases that show it.
 
-    Among series of cases whose step falls at least 4-fold, the end of the sentence names the one whose trajectory error falls by
-    the smallest factor, if this factor is below SHRINKS.
-
-    Returns:
-        End of the sentence, and list; "." and an empty list if in every series the error falls by SHRINKS or more.
+    Among series of cases whose step falls at least 4-fold, the end of the sentence names the series whose trajectory error falls by
+    the smallest factor, if this factor is below SHRINKS. Otherwise the end is "." and the list is empty.
     """
     models = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
     rows = [r for r in run.results if has_ended(r) and not chose_steps(r) and is_known(end_error(r))]

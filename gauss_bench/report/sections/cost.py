@@ -41,7 +41,7 @@ def divide_costs(run: Run, quantity: str) -> dict[str, Spread]:
         quantity: "step" or "acceleration".
     """
     rows = [row for row in cost_rows(run.results) if is_unstabilised(row)]
-    # reversed: the first of several rows replaces the others
+    # reversed: of several rows the first is kept
     rivals = {_place(row): row for row in reversed(rows) if row["engine"] == RIVAL}
     ratios: dict[str, Spread] = {}
     for row in of_engine(rows, OWN):

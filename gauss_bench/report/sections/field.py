@@ -17,7 +17,7 @@ from gauss_bench.trajectory import Status
 
 PLACE = 13
 TITLE, ANCHOR = "The field", "field"
-ACCURACIES = {"coarse": 1e-4, "fine": 1e-6}  # [m] position errors at which the table has the cost of an engine's cheapest setting
+ACCURACIES = {"coarse": 1e-4, "fine": 1e-6}  # [m] largest position errors of the settings whose cost the table gives
 WORDS = {"coarse": "a tenth of a millimetre", "fine": "a micrometre"}
 NOT_HERE = "not among the cases of this run"
 
@@ -41,7 +41,7 @@ def describe_questions(run: Run) -> str:
 
 
 def describe_run(run: Run) -> str:
-    """Return sentences on the separate run of the rows, and on why its times differ from those on other pages."""
+    """Return sentences on the separate run that gave the rows, and on why its times differ from those on other pages."""
     return (
         f"The rows are of a run of their own ({', '.join(list_facts(run.field_run))}). Its times are those of a brief search; "
         f"the suite `{run.environment.get('suite', '')}`, whose times are on other pages, searched longer and found other settings."
@@ -112,8 +112,8 @@ def describe_end(row: Row) -> str:
 def list_costs(run: Run, engine: str = "") -> list[Row]:
     """Return a row for each engine, or only for `engine`: its cost at both ACCURACIES, its time to start, and its installed size.
 
-    Columns "coarse" and "fine" have the time of the engine's cheapest setting [s], those with the endings `_range_low` and
-    `_range_high` its range, those with `_over` its multiple of the fastest engine. Columns `why_*` have reasons for missing values.
+    Columns "coarse" and "fine" have the time of the engine's cheapest setting [s]. With the endings `_range_low` and `_range_high`
+    they have its range, with `_over` its ratio to the time of the fastest engine. Columns `why_*` have reasons for missing values.
     """
     run = run.field_run
     lines: list[dict[str, Any]] = []
@@ -159,7 +159,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def compare_costs(lines: Sequence[Row], engines: Sequence[str], key: str) -> str:
-    """Return a sentence on the costs of some engines, divided by the least cost of all; empty if none of the engines has a cost."""
+    """Return a sentence on the costs of `engines` as multiples of the least cost of all; empty if none of `engines` has a cost."""
     multiples = {row["engine"]: row[f"{key}_over"] for row in with_number(lines, f"{key}_over")}
     timed = sorted((x for x in engines if x in multiples), key=lambda x: multiples[x])
     if not timed:

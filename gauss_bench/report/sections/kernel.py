@@ -49,7 +49,7 @@ def _calls(row: Row) -> tuple[str, str]:
 
 
 def table_section(name: str, rows: Sequence[Row], shown: Sequence[Row]) -> Section | None:
-    """Return the section of the table `name`: a table of `shown` and, if there are more `rows`, a folded one; None without rows."""
+    """Return the section of the table `name`: a table of `shown` and, if `rows` has more, a folded table of `rows`."""
     if not rows:
         return None
     title = layouts()[name]["title"]
@@ -217,8 +217,8 @@ def describe_long_runs(rows: Sequence[Row]) -> str:
 
 
 def describe_growth(rows: Sequence[Row]) -> str:
-    """Return a sentence on the exponents p, with ranges, of the growth N^p of each engine's time on chains of N four-bars."""
-    # if an engine has a loop of its own, the sentence has its times in this loop alone
+    """Return a sentence on the exponents p, with ranges, of the growth N^p of each engine's time on chains of N windows."""
+    # for an engine that has a loop of its own, only times in this loop
     looped = {r["engine"] for r in rows if r["quantity"] == "in its own loop"}
     chosen = [r for r in rows if r["quantity"] == "in its own loop" or r["engine"] not in looped]
     parts = []

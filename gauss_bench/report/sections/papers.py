@@ -48,12 +48,12 @@ def summarise(rows: Sequence[Row]) -> str:
 
 
 def mark_contradiction(row: Row) -> Row:
-    """Return a row; if its measurement contradicts its verdict, the verdict says so."""
+    """Return a row; if the measurement contradicts the verdict, the text of the verdict says so."""
     return row if row["stands"] else {**row, "verdict": f"{row['verdict']}, contradicted: {row['faults']}", "verdict_tone": "bad"}
 
 
 def list_causes(rows: Sequence[Row]) -> list[Row]:
-    """Return a row for each cause of errors, with the number of audited lines that it makes wrong, and their equation numbers."""
+    """Return a row for each cause of errors, with the number and the equation numbers of the lines that it makes wrong."""
     causes: list[Row] = []
     for group in group_causes(rows).values():
         verdict = group[0]["verdict"]

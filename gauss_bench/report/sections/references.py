@@ -1,6 +1,6 @@
 """The reference motions, against which errors are measured, with their error bars and floors.
 
-A floor is the change of the motion when every length and mass of the file is rounded to a double.
+A floor is the change of the motion if every parameter of the file changes by a relative 1e-16, as by rounding to a double.
 """
 
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ def section(run: Run) -> Section:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield a finding on the published reference values that are wrong by more than ten times the certificate's error bar."""
+    """Yield a finding on published values that are off by more than ten times both error bar and floor."""
     rows = run.table("published")
     off = [row for row in rows if number(row, "difference") > 10 * max(number(row, "floor"), number(row, "error_bar"))]
     if off:

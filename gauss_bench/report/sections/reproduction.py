@@ -60,7 +60,7 @@ def describe_example(rows: Mapping[str, Row]) -> list[Block]:
 
 
 def print_value(row: Row) -> str:
-    """Format a value with the digits that its uncertainty `bracket` leaves, from 1 to DIGITS; "0" if `bracket` is as large."""
+    """Format a value with the digits that its uncertainty `bracket` leaves, from 1 to DIGITS; "0" for at most `bracket`."""
     x, bracket = number(row, "value"), number(row, "bracket")
     if not is_known(x):
         return NOTHING
@@ -101,7 +101,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def list_assumed(rows: Mapping[str, Row]) -> str:
-    """Return a sentence on the numbers that the paper does not give, with the assumed ones."""
+    """Return a sentence on the numbers that the paper does not give, with the numbers assumed here."""
     left_out = [rows[key] for key in ("inertias", "gravity") if key in rows]
     assumed = itemise(f"the {row['quantity']} ({row['statement'].partition(';')[0]})" for row in left_out)
     return f"The paper does not give {assumed}."

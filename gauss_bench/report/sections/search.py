@@ -26,7 +26,7 @@ def section(run: Run) -> Section | None:
     blocks: list[Block] = [Text(layout["words"]), Text(layout["scope"].format(effort=describe_effort(rows)))]
     for kind, group in group_by(rows, "required").items():
         winners = list_winners(run, group)
-        # tables of other errors than that of positions are folded; "end" is the position at the end of the run
+        # only tables of position errors are unfolded; "end" is the position at the end of the run
         blocks.append(lay_out("search", winners, kind=ERRORS.get(kind, kind), folded=kind not in ("position", "end")))
     blocks += blocks_of("search_owned", list_owned(run.table("search_owned")))
     space = run.table("search_space")
@@ -38,8 +38,8 @@ def section(run: Run) -> Section | None:
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
     """Return rows of `search_winners`, sorted by linkage and accuracy, with further columns for the layout `search`.
 
-    Marks in the column `name`: "own" if the authors of this suite wrote the engine, "base" if ratios of times are relative to it,
-    and BY_AUTHORS if the authors of the engine own the settings.
+    Marks in the column `name`: "own" if the authors of this suite wrote the engine, "base" if times are divided by its time, and
+    BY_AUTHORS if the authors of the engine own the settings.
     """
     multiples = race_multiples(run)
     winners = []
@@ -93,7 +93,7 @@ def reach_of_row(run: Run, row: Row) -> Reach:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on lost races, on settings by engines' authors, and on all engines' times at each requirement."""
+    """Yield findings on races that failed, on settings by engines' authors, and on all engines' times at each requirement."""
     unsearched = [r for r in run.table("search_winners") if not r["required"]]
     if unsearched:
         reasons = "; ".join(f"{r['mechanism']}: {r['message']}" for r in unsearched)
@@ -139,7 +139,7 @@ def _place(row: Row) -> str:
 
 
 def compare_best(run: Run, group: Sequence[Row]) -> str:
-    """Return a sentence on all engines' times at one requirement over those of our compiled formulations; empty without times."""
+    """Return a sentence that compares all engines' times at one requirement with our compiled ones; empty without times."""
     raced = count(len({r["mechanism"] for r in with_number(group, "ratio")}), "linkage")
     faster = group_by(list_faster(group), "engine").items()
     wins = itemise(f"{_mark_engine(run, engine)} is faster on {len(rows)}" for engine, rows in faster)
@@ -164,10 +164,10 @@ def _print_ratio(run: Run, row: Row) -> str:
 
 
 def divide_by_ours(group: Sequence[Row]) -> list[Row]:
-    """Return rows of `search_winners` whose ratios are times over that of the fastest of this suite's compiled engines there.
+    """Return rows of `search_winners` with times divided by that of the fastest of this suite's compiled engines on the linkage.
 
-    Rows of these engines have the entry `ours`. The denominator of the stored ratios may be another of them, as fast within the
-    spread; after division by the smallest ratio of these engines, the fastest has the ratio 1. If none has a ratio, all are NaN.
+    Rows of these engines have the entry `ours`. The stored ratios may be relative to another of them, equally fast within the
+    spread; division by their smallest ratio gives the fastest the ratio 1. If none of them has a ratio, all ratios are NaN.
     """
     compiled = group_by((r for r in with_number(group, "ratio") if r.get("ours")), "mechanism")
     least = {linkage: min(r["ratio"] for r in rows) for linkage, rows in compiled.items()}

@@ -27,7 +27,7 @@ PLACE = 12
 TARGETS = (1e-3, 1e-6)  # errors of the measured coordinate [rad or m] at which costs are compared
 OWN = "gauss"
 NUMBERS = r"( by)? \d\S*( rad| m| J)?( \(m or rad\))?( where \S+ J move)?(?= |,|;|$)"  # numbers in the judge's sentences
-SHUT = 1e-4  # [m, rad] loops with a smaller gap look closed
+SHUT = 1e-4  # [m, rad] loops with a smaller gap count as closed
 LOST = 1.0  # [rad or m] a motion with a larger error is another motion
 MOST_DRIFT = 20  # number of cases in the table of the largest drift
 TIED = 0.05  # relative difference within which engines are equally good
@@ -73,7 +73,7 @@ def find_best(run: Run, name: str) -> Iterator[Finding]:
     for scenario, rows in group_by(usable, "scenario").items():
         sentences = [name_most_accurate(rows)]
         for target in TARGETS:
-            # a target is reached if both the error and the reference's error bar are at most as large
+            # a target is reached if neither the error nor the reference's error bar is larger
             reached = [r for r in rows if max(end_error(r), end_bar(r)) <= target and is_known(run_time(r))]
             # compiled and interpreted loops are not compared with each other
             for loop, group in sorted(group_by(reached, _name_loop).items()):
@@ -131,7 +131,7 @@ def name_tied(rows: Sequence[Row], best: Row, value: Callable[[Row], float]) -> 
 
 
 def find_wrong_motion(run: Run) -> Iterator[Finding]:
-    """Yield a finding on the case with the largest error of those with closed loops and right accelerations, if above LOST."""
+    """Yield a finding on the largest error of a case with closed loops and right accelerations, if it is above LOST."""
     closed = [row for row in run.results if has_ended(row) and not row["control"] and number(row, "position_drift") < SHUT]
     rows = [r for r in closed if number(r, "acceleration_error_median") <= run.acceleration_gate and end_error(r) > LOST]
     if rows:

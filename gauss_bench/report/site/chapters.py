@@ -10,11 +10,11 @@ from gauss_bench.report.sections import all_sections, bias, claim, field, kernel
 from gauss_bench.report.site.page import Page, plain_page, render
 
 PAPERS = (claim, papers, reproduction)
-TONES = ("bad", "warn", "", "good")  # tones of findings in the order of their page
+TONES = ("bad", "warn", "", "good")  # tones of findings in the order of the page
 
 
 def make_sections(run: Run, modules: Iterable[ModuleType]) -> list[Section]:
-    """Return the sections that modules make; modules that make none, or have no rows for it, are left out."""
+    """Return the sections of modules, without modules that have no section or no rows for it."""
     sections = [module.section(run) for module in modules if hasattr(module, "section")]
     return [section for section in sections if section is not None]
 

@@ -83,7 +83,7 @@ def place_names(lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool 
         return []
     span = max(height(max(values)) - height(min(values)), 1.0 if logarithmic else 1e-12)
     name_at = [height(float(line[-1]["y"])) for line in lines]  # beside the end of each line
-    # from the lowest name upwards, keep each at least APART above the one before
+    # from the lowest name upwards, keep each at least APART above the previous name
     below = -math.inf
     for i in sorted(range(len(lines[:MOST_LINES])), key=lambda i: name_at[i]):
         name_at[i] = below = max(name_at[i], below + APART * span)

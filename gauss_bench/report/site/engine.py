@@ -118,7 +118,7 @@ def command_of(x: Setting, scenario: str) -> str:
 def list_cases(rows: Sequence[Row]) -> Iterator[Row]:
     """Yield the most accurate case of each linkage, setting and integrator, as a row of the layout `engine_cases`."""
     for group in group_by(rows, "mechanism", "settings", "integrator").values():
-        # ended cases before others, and known errors before unknown ones
+        # cases that ended come first, and known errors before unknown ones
         row = min(group, key=lambda r: (not has_ended(r), math.isnan(number(r, "position_error")), number(r, "position_error")))
         outcome = "valid" if row["valid"] else row.get("flag") or row["message"] or row["status"]
         yield {**row, "outcome": outcome, "outcome_tone": "good" if row["valid"] else "bad"}
@@ -127,7 +127,7 @@ def list_cases(rows: Sequence[Row]) -> Iterator[Row]:
 def cheapest_table(run: Run, name: str) -> Table:
     """Return the table of the engine's cheapest setting for each linkage at each of the accuracies TABLED, or why it has none."""
     lines: list[Row] = []
-    # linkages on which the search ran the engine, and linkages with a stored setting of it; without the latter the table is empty
+    # linkages on which the engine was searched, and those for which a setting of it is stored; without `stored` the table is empty
     searched = [linkage for linkage in scenarios(run) if name in engines_of(run, linkage)]
     stored = [linkage for linkage, settings in all_settings(run).items() if any(x.engine == name for x in settings)]
     for linkage in sorted({*searched, *stored}) if stored else ():

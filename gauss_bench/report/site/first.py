@@ -49,7 +49,7 @@ Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]  # l
 def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]], unit: str = "", **chart_options: Any) -> Card:
     """Return a card, which is a framed box of the first page: a question, its answer, and a small bar chart.
 
-    Each of `rows` is a bar, with `name`, `y` and perhaps `low` and `high`.
+    Each of `rows` is a bar, with `name`, `y` and optionally `low` and `high`.
     """
     words, chart = CARD[name], None
     if rows:
@@ -147,7 +147,7 @@ CARDS: tuple[Callable[[Run], Card | None], ...] = (loops_card, claim_card, paper
 
 
 def list_questions(run: Run, findings: Sequence[Finding], preferred: str) -> Iterator[Question]:
-    """Yield frequent questions of readers with the answers of the rows; `preferred` is the linkage of the one on MuJoCo."""
+    """Yield questions that readers ask, answered from the rows; the question on MuJoCo is about the linkage `preferred`."""
     setting = cheapest_stored(run, preferred, USUAL).get("mujoco")
     if setting is not None:
         size = f"step {describe_size(setting)}" if is_known(setting.step) else describe_size(setting)
@@ -190,7 +190,7 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
         table=first_table(run),
         introduction=texts["first"],
         cards=cards,
-        # findings in which the suite's own engines lose begin in bold; without their tone, because it would colour all of them
+        # findings in which the suite's own engines lose begin in bold; their tone is removed, because it would colour them all
         lost=[replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")],
         count=len(findings),
         authors=texts["authors"],

@@ -15,11 +15,11 @@ WORD = re.compile(r"[A-Za-z]+")
 TOKEN = re.compile(r"(?P<number>\d+(?:\.\d+)?)|(?P<name>[A-Za-z]+)(?P<index>\d+[A-Z]?)?|(?P<space> +)|(?P<sign>.)")
 RAISED = re.compile(r"\^(?:\(([^()]*)\)|(-\d|[A-Za-z\d]+|[-+]))")
 LOWERED, PRIMES = re.compile(r"_([A-Za-z\d]+)"), re.compile("'+")
-BREAK = re.compile(r" (?=[=+-] )|(?<=,) ")  # the space before a sign of operation, or after a comma
+BREAK = re.compile(r" (?=[=+-] )|(?<=,) ")  # the space before =, + or -, or after a comma
 
 
 def is_formula(text: str) -> bool:
-    """Tell whether a text is a formula: it has one of the signs = ^ ' and only words of NAMES and symbols of one or two letters."""
+    """Tell whether a text has one of = ^ ', only words of NAMES and symbols of one or two letters, and no underscore in front."""
     words = WORD.findall(text)
     return bool(words and re.search(r"[=^']", text)) and all(x in NAMES or len(x) < 3 for x in words) and not text.startswith("_")
 

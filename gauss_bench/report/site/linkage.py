@@ -38,7 +38,7 @@ STEP = 1e-3  # [s] step of the runs whose drift is drawn
 NAMED = 1e-4  # [m] accuracy at which the cheapest engines are named
 SAMPLES = 50  # drawn points of a line in a figure
 LISTED = 7  # every 7th drawn point is in the table of numbers below a figure, counted from the last point of a line
-BETTER = 0.98  # a costlier setting is on a Pareto front if its error is smaller than this share of the error before it
+BETTER = 0.98  # a costlier setting is on a Pareto front if its error is below this share of the front's last error
 TITLES = {"accuracy": "What accuracy costs", "drift": "Do the loops stay closed?", "energy": "Energy", "forces": "Joint forces"}
 FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")  # engines whose lines come first
 DRIFT = "Largest residual of the constraints over time, without stabilisation in engines that allow this."
@@ -48,7 +48,7 @@ case_of = itemgetter(*VARIANT, "step")  # values that identify a case in the tab
 
 def linkage_page(run: Run, name: str, scenario: str) -> Page:
     """Return the page of a linkage; parts without rows are left out."""
-    # (SVG, data) and (contents of the page, data), each None if there is no such picture
+    # (SVG, data) and (contents for the template, data); each is None without such a picture
     turn, pair = draw_turn(run, name), play_pair(run, name, scenario)
     lead, still = f"Scenario {scenario}.", None
     with suppress(LinkageError):
@@ -112,7 +112,7 @@ def rows_page(run: Run, name: str) -> Page | None:
 
 
 def name_leaders(run: Run, name: str) -> str:
-    """Return sentences on the fastest engines within NAMED [m], and on why others have no time; empty without settings."""
+    """Return sentences on the fastest engines within NAMED [m], and on why other engines have no time; empty without settings."""
     if name not in all_settings(run):
         return ""
     timed = fastest_first(run, name, NAMED)
@@ -198,7 +198,7 @@ def force_chart(run: Run, name: str) -> Chart | None:
 
 
 def list_histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
-    """Return for each engine the rows of its line in a chart over time: the values of `column` in the table `series`.
+    """Return for each engine its line in a chart over time, as rows: the values of `column` in the table `series`.
 
     The values of an engine are those of its case with the step nearest to STEP; of several such cases, one without stabilisation is
     preferred, then one with default settings, then one with RK4. Negative controls, which are wrong on purpose, are left out.

@@ -18,8 +18,8 @@ from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.words import NOTHING
 
 LONG, LONGEST_LABEL = 60, 40  # [characters] a cell longer than LONG is folded behind a label of at most LONGEST_LABEL
-SHORTEST_LABEL = 12  # [characters] a beginning of a cell that is as short as this, such as a time, says too little for a label
-HEADLINE = 260  # [characters] longest sentence that stands for a finding
+SHORTEST_LABEL = 12  # [characters] the beginning of a cell is no label if it is as short as this, such as a time
+HEADLINE = 260  # [characters] longest headline of a finding
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 TAGS = {"bad": "where we lose", "warn": "note", "good": "holds"}  # tone of a finding -> word before its title
 
@@ -101,7 +101,7 @@ def css_label(head: str) -> Markup:
 
 
 def sort_attribute(cell: Cell) -> Markup:
-    """Return the attribute with the sort key of a cell; empty if the page can sort by its text."""
+    """Return the attribute with the sort key of a cell; empty if the page can sort by the cell's text."""
     if not isinstance(cell.sort, float) or NUMBER.fullmatch(cell.text):
         return Markup("")
     return Markup(' data-sort="{:.7g}"').format(cell.sort)
@@ -152,10 +152,9 @@ def headline(text: str) -> str:
     first = SENTENCE.split(text.replace("**", ""))[0]
     if len(first) <= HEADLINE:
         return first
-    short = re.sub(r"\s\((?:[^()]|\([^()]*\))*\)", "", first)  # brackets may contain brackets
+    short = re.sub(r"\s\((?:[^()]|\([^()]*\))*\)", "", first)  # parentheses may be nested
     if len(short) <= HEADLINE:
         return short
-    # the last colon or semicolon within the limit, else the last space
     ends = [m.start() for m in re.finditer(r": |; ", short) if m.start() <= HEADLINE] or [short.rfind(" ", 0, HEADLINE)]
     return f"{short[: ends[-1]].rstrip('.,;: ')}."
 
@@ -181,7 +180,7 @@ PARTS = ("opening", "paragraphs", "sections", "findings", "back", "tables", "eng
 
 
 def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mapping[str, Any] | None = None, **parts: Any) -> Page:
-    """Return a page without scripts of its own; `charts` has the data of its figures, `parts` its PARTS."""
+    """Return a page without scripts of its own; `charts` has the data of its figures, `parts` those of PARTS."""
     body = render("plain.html", **dict.fromkeys(PARTS, ()) | parts)
     return Page(name, title, lead, body, {"charts": charts} if charts else {}, group)
 

@@ -37,7 +37,7 @@ from gauss_bench.report.words import round_digits
 from gauss_bench.terms import Array
 
 MAGNIFIED = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)  # factors that a reader can choose
-VISIBLE = 0.1  # [px, degrees] smaller differences are not stored
+VISIBLE = 0.1  # [px, degrees] differences that are drawn smaller than this are left out
 REACH = 60.0  # [px] largest drawn difference from the reference with the initial factor
 DIGITS = 3  # significant digits of a stored difference
 
@@ -74,7 +74,7 @@ def find_turn(run: Run, name: str) -> Turn | None:
 
 
 def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
-    """Return the SVG of a linkage with numbered links, and the data by which a script turns its crank; None without a full turn.
+    """Return the SVG of a linkage with numbered links, and the data with which a script turns the crank; None without a full turn.
 
     The data are the links' poses, the first crank angle [rad], and the sense of the turn, 1 or -1.
     """
@@ -103,7 +103,7 @@ def draw_numbered(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
     parts = linkage_parts(mechanism, states, None, canvas, forces=False)
     shapes = draw_paths(mechanism.observed_points, states, canvas)
     for part in parts:
-        # attributes by which a script moves a part: its link, and its place on the link if the part stays upright
+        # attributes with which a script moves a part: its link, and its place on the link if the part stays upright
         place = "" if part.local is None else ' data-x="{:.2f}" data-y="{:.2f}"'.format(*part.local)
         shapes.append(part.draw("" if part.link < 0 else f' data-link="{part.link}"{place}'))
     size = f'viewBox="0 0 {canvas.width:g} {canvas.height:g}"'
@@ -211,7 +211,7 @@ def _run_along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) 
 
     The data are `ahead`, the angle by which the run's crank is ahead; `rest`, the difference that no crank angle explains (another
     assembly); and `gap`, the difference that opens loops. The last two are in [px, px, degrees], and left out if they cannot be
-    seen: `gap` even at the largest magnification, `rest` without, because it is not magnified.
+    seen: `gap` even at the largest magnification, `rest` at none, because it is not magnified.
     """
     ahead = x.ahead.reshape(len(x.ahead), -1)  # (frames, n)
     own = reference[: len(ahead)] + ahead
@@ -246,7 +246,7 @@ def _round(x: Array) -> list[Any]:
 
 def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -> dict[str, Any]:
     """Return the contents of the part of a page that plays two runs side by side (`scale` in px/m)."""
-    # at first gauss-native is at the left and MuJoCo at the right, if both have runs
+    # at first gauss-native is at the left, and MuJoCo at the right, if it has a run
     engines = [x.engine for x in runs]
     left = engines.index("gauss-native") if "gauss-native" in engines else 0
     other = 1 if left == 0 else 0

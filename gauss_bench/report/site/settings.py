@@ -67,7 +67,7 @@ class Setting:
 
     @cached_property
     def cost(self) -> tuple[float, float, str]:
-        """The sort key by cost: settings with a known time come first, by this time; others follow by their numbers of steps."""
+        """The sort key by cost: settings of known time come first, by this time; then the others by their numbers of steps."""
         steps = self.steps if is_known(self.steps) else math.inf
         return (self.seconds, 0.0, self.words) if is_known(self.seconds) else (math.inf, steps, self.words)
 
@@ -85,14 +85,14 @@ class Setting:
 
 
 def describe_size(x: Setting) -> str:
-    """Return step or tolerance of a setting in words; "own" if it has neither."""
+    """Return the step or tolerance of a setting in words; "own" if it has neither."""
     if is_known(x.step):
         return f"{1e3 * x.step:.4g} ms"
     return f"tolerance {x.tolerance:.0e}" if is_known(x.tolerance) else "own"
 
 
 def describe_setting(run: Run, x: Setting) -> str:
-    """Return integrator, stabilisation and the options that differ from those as shipped; `Setting.words` without a search."""
+    """Return integrator, stabilisation and changed options of a setting; `Setting.words` if its variant was not searched."""
     options = _changed_options(run).get((x.engine, x.settings, x.integrator, x.stabilization))
     if options is None:
         return x.words
@@ -159,16 +159,16 @@ def all_settings(run: Run) -> dict[str, list[Setting]]:
 
 @lru_cache(maxsize=2)
 def _settings_by_key(run: Run) -> dict[tuple[Any, ...], Setting]:
-    """Return key by `setting_key` -> the first setting with it; searches through all settings took half of the build."""
+    """Return key by `setting_key` -> the first setting with it; cached, because searches took half the time of a build."""
     every = [x for settings in all_settings(run).values() for x in settings]
-    return {setting_key(vars(x)): x for x in reversed(every)}  # reversed: the first of several replaces the others
+    return {setting_key(vars(x)): x for x in reversed(every)}  # reversed: of several the first is kept
 
 
 def _searched_settings(run: Run) -> Iterator[Setting]:
     """Yield the settings of searches, each with its time: measured in a race, estimated from one, or NaN."""
     raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
     races = group_by(raced, variant_of)
-    raced_at = {setting_key(r): r for r in reversed(raced)}  # reversed: the first of several rows replaces the others
+    raced_at = {setting_key(r): r for r in reversed(raced)}  # reversed: of several rows the first is kept
     steps_at = {setting_key(r): number(r, "steps") for r in run.table("search_ladder")}
     for row in with_number(run.table("search_ladder"), "position_error"):
         steps = number(row, "steps")
@@ -207,7 +207,7 @@ def cheapest(settings: Iterable[Setting], position: float, force: float = math.i
 def cheapest_stored(run: Run, mechanism: str, position: float, force: float = math.inf) -> Mapping[str, Setting]:
     """Return engine -> its cheapest setting on a linkage, for each engine with a setting that meets the requirement.
 
-    If a race was run at exactly this requirement, the engine's setting in this race replaces the one with the least estimated time.
+    If a race was run at exactly this requirement, the engine's setting in this race is returned instead.
 
     Args:
         position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
@@ -249,7 +249,7 @@ def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
 
 
 def collect_choices(run: Run, mechanism: str) -> dict[str, Any]:
-    """Return data of the first page on a linkage: which settings meet which requirement.
+    """Return the first page's data on a linkage: which settings meet which requirement.
 
     A requirement "i,j" is a position error of at most POSITIONS[i] together with a force error of at most FORCES[j].
 
@@ -280,7 +280,7 @@ def collect_choices(run: Run, mechanism: str) -> dict[str, Any]:
     data = []
     for x in picked:  # `until` is left out, because the page states the duration once for the linkage
         numbers = {k: to_json(getattr(x, k)) for k in (*NUMBERS, "estimated") if k != "until"}
-        known = {k: v for k, v in numbers.items() if v not in (None, False)}  # this leaves out zeros, too
+        known = {k: v for k, v in numbers.items() if v not in (None, False)}  # zeros are left out too: 0 == False
         data.append({"engine": x.engine, "words": describe_setting(run, x)} | known)
     return {
         "settings": data,
@@ -326,16 +326,16 @@ def reach_of_engine(run: Run, mechanism: str, engine: str, position: float, forc
 def scenarios(run: Run) -> Mapping[str, str]:
     """Return linkage -> its first scenario, for all linkages that were run or searched, sorted."""
     rows = (*run.results, *run.table("search_ladder"))
-    first = {row["mechanism"]: row["scenario"] for row in reversed(rows)}  # reversed: the first row replaces the others
+    first = {row["mechanism"]: row["scenario"] for row in reversed(rows)}  # reversed: the first row is kept
     return dict(sorted(first.items()))
 
 
 def reach_of_search(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement]) -> Reach:
-    """Return whether an engine meets requirements on a linkage by its search, and whether it was timed in a race.
+    """Return whether an engine's search meets requirements on a linkage, and whether a race timed it.
 
     Args:
-        wanted: requirements that one setting must meet together. A race compares engines at a single requirement; if there are
-            several, no engine was timed.
+        wanted: requirements that one setting must meet together. A race compares engines at a single requirement; no engine
+            was timed at several.
     """
     race = find_race(run, mechanism, engine, wanted[0]) if len(wanted) == 1 else None
     ladders = _ladders(run).get((mechanism, engine), [])

@@ -66,7 +66,7 @@ def data_page(run: Run) -> Page:
 
 
 def describe_table(name: str, rows: tuple[Row, ...], words: str = "") -> dict[str, Any]:
-    """Return the contents of the page on the table `name`: its `name`, sentences as `text`, and a table of its `columns`."""
+    """Return what the page says on a table: its `name`, sentences as `text`, and a table of its `columns`."""
     columns = [vars(c) | {"column": f"`{c.name}`"} for c in TABLES[name].columns]
     text = f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}. {words}"
     return {"name": name, "text": text.strip(), "columns": lay_out("columns", columns, name=name)}

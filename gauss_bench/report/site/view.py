@@ -2,7 +2,7 @@
 
 The fragment is `v1.` followed by JSON, compressed with zlib and encoded as base64url: the linkage file, the points of all links in
 their own frames, and sampled poses. Positions are whole multiples of `unit` [m], angles of 1/`ANGLES` rad; poses are stored as
-second differences over time, which are small for smooth motions. Anybody can write an address, so the page checks everything
+second differences over time, which are small for smooth motions. Since anybody can write an address, the page checks everything
 against LIMITS.
 """
 
@@ -23,10 +23,10 @@ from gauss_bench.terms import Array
 VIEW = "view.html"
 VERSION = "v1."  # beginning of a fragment
 INTERVALS = 192  # intervals between the poses of a motion, which can be halved six times
-FINENESS = 8192  # units of length in the longer side of the motion, so that a unit is a tenth of a pixel
+FINENESS = 8192  # units of length in the range of all x and y together; a unit is about a tenth of a pixel
 ANGLES = 4096  # units of angle in a radian
 LIMITS = {  # largest values that the page accepts
-    "fragment": 16_000,  # characters of the fragment; with the address of a page before it, less than 16 kB
+    "fragment": 16_000,  # characters of the fragment: the whole address stays below 16 kB
     "unpacked": 400_000,  # bytes of JSON
     "links": 300,
     "places": 2000,  # points, bars, pins, slides, ties and paths together
@@ -41,9 +41,9 @@ class TooLarge(ValueError):
 
 
 def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[str, int]:
-    """Return the fragment (text after #) of the address of a linkage with its poses, and the number of its poses.
+    """Return the fragment (text after #) of an address that shows a linkage, and the number of poses in it.
 
-    If the fragment of all poses is too long, every second pose is left out until it fits.
+    While the fragment is too long, every second pose is left out.
 
     Args:
         q: (k, n) positions of the links of `mechanism.whole`, at equal intervals of time.
@@ -124,7 +124,7 @@ def pack_poses(q: Array) -> dict[str, Any]:
     and y as multiples of `unit`, an angle as multiples of 1/ANGLES rad. Two cumulative sums restore them.
     """
     xy = places(q)  # (k, links, 2) [m]
-    # a small drawing far from the origin has coarser units, so that its whole numbers stay below LIMITS["number"]
+    # units are coarser for a small drawing far from the origin: whole numbers stay below LIMITS["number"]
     extent = max(float(np.ptp(xy)), 1e-4 * float(np.abs(xy).max()), 1e-6)
     unit = float(f"{extent / FINENESS:.3g}")
     units = np.empty_like(q)  # (k, n) the unit of each number
@@ -150,5 +150,5 @@ def view_page() -> tuple[str, str]:
 
 
 def digest(text: str) -> str:
-    """Return the digest of a script or style by which a content security policy allows it."""
+    """Return the digest with which a content security policy allows a script or style."""
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}"

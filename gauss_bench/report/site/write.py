@@ -73,7 +73,7 @@ def asset_files() -> dict[str, str]:
 
 @cache
 def drawing_script() -> str:
-    """Return Vega, Vega-Lite and Vega-Embed as one classic script that defines `vegaEmbed` alone."""
+    """Return Vega, Vega-Lite and Vega-Embed as one classic script that defines only `vegaEmbed`."""
     bundle = str(vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;", vl_version=VEGA_LITE))
     return f"(function () {{\n{bundle}\n}})();\n"
 

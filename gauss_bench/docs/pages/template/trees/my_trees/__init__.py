@@ -79,7 +79,7 @@ class Trees:
             "names": [f"{link.name}.{x}" for link in mechanism.links for x in ("x", "y", "theta")],
             "order": [model.place[i] for i in range(len(mechanism.links))],
         }
-        every = -(-steps // 100)  # about 100 printed states: steps / 100, rounded up
+        every = -(-steps // 100)  # steps / 100, rounded up: about 100 states are printed
         loop = {"steps": steps, "step": mechanism.duration / steps, "every": every}
         return inspect.getsource(library) + PROGRAM.format(**numbers, **loop, method=choice.integrator, pull=model.options["pull"])
 
@@ -127,7 +127,7 @@ class Model(TreeModel):
         return coordinate, *map(float, (law.k, law.c, law.rest, law.bias))
 
     def end(self, point):
-        """Return the link and the place of a point in the form of the library."""
+        """Return a point in the form of the library: its link, and its place in the link."""
         return self.place[point.link], complex(*point.local)
 
     def tree_acceleration(self, t, y, dy):

@@ -47,7 +47,7 @@ def follow(tree, y, dy):
     place, bias, move = (np.zeros((n + 1, *more), dtype=complex) for more in ((), (), (n,)))
     angle, spin, turn = np.zeros(n + 1), np.zeros(n + 1), np.zeros((n + 1, n))
     for i, (p, near, far, axis, fixed) in enumerate(tree.joints):
-        E = np.exp(1j * angle[p])  # turns vectors from the parent's frame into that of the ground
+        E = np.exp(1j * angle[p])  # turns vectors from the parent's frame into the ground's
         arm = E * (near + axis * y[i])  # from the parent's centre of mass to the joint
         turn[i], spin[i], angle[i] = turn[p], spin[p], angle[p] + fixed
         if not axis:  # a pin
@@ -70,9 +70,9 @@ def point(x, link, local):
 def measure(x, kind, a, *more):
     """Return the value of a coordinate and its derivative by y (n,).
 
-    The coordinate is ("angle", a, b), which is the angle of link b less that of link a, or (kind, a, place, b, place, frame,
-    direction) between a point of link a and a point of link b. This is their "distance", or their distance "along" a direction in
-    the frame of a link.
+    The coordinate is ("angle", a, b), which is the angle of link b minus that of link a, or (kind, a, place, b, place, frame,
+    direction) between a point of link a and a point of link b. Its value is their "distance", or their offset "along" a direction
+    in the frame of a link.
     """
     if kind == "angle":
         return x.angle[more[0]] - x.angle[a], x.turn[more[0]] - x.turn[a]
@@ -88,7 +88,7 @@ def measure(x, kind, a, *more):
 def solve(tree, y, dy, pull=0.0):
     """Return the accelerations (n,) and the forces (pins,) of the closing pins on their second links.
 
-    With the forces x of the pins and their gaps: M y'' = f + J^T x,  J y'' = gamma - 2 pull J y' - pull^2 gap.
+    With the forces F of the pins and their gaps: M y'' = f + J^T F,  J y'' = gamma - 2 pull J y' - pull^2 gap.
     """
     x, m, inertias = follow(tree, y, dy), np.array(tree.masses), np.array(tree.inertias)
     move, turn = x.move[:-1], x.turn[:-1]
@@ -107,7 +107,7 @@ def solve(tree, y, dy, pull=0.0):
     J = np.vstack([rows.real, rows.imag])
     wanted = -bias - 2 * pull * (rows @ dy) - pull**2 * gap
     X = np.linalg.solve(M, J.T)
-    forces = np.linalg.lstsq(J @ X, np.hstack([wanted.real, wanted.imag]) - J @ free, rcond=1e-10)[0]  # redundant pins too
+    forces = np.linalg.lstsq(J @ X, np.hstack([wanted.real, wanted.imag]) - J @ free, rcond=1e-10)[0]  # pins may be redundant
     return free + X @ forces, forces[: len(gap)] + 1j * forces[len(gap) :]
 
 
