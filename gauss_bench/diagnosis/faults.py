@@ -29,7 +29,7 @@ RESET_AT = 0.23  # [s] time at which `reset` acts
 
 
 def same(item: Any, *_: Any) -> Any:
-    """Return the first argument unchanged: the default of each function of a fault that replaces nothing."""
+    """Return the first argument unchanged: the default of each function in a fault."""
     return item
 
 
@@ -67,7 +67,7 @@ class FaultyModel(InterpretedModel):
         true: the linkage without the fault.
         asked: requested times [s].
         recent: (J, gamma) at the beginnings of the last two steps; first: those at the start.
-        running: whether the run is under way; at other times the model is asked only for the accelerations that it reports.
+        running: whether the run is under way; otherwise the model computes the accelerations that the engine reports.
     """
 
     def __init__(self, fault: Fault, mechanism: Mechanism, choice: Choice):
@@ -133,7 +133,7 @@ class Faulty(Interpreted):
 
 
 def rows_of_last_pin(mechanism: Mechanism) -> list[int]:
-    """Return the indices of the constraint rows of the last pin in the file."""
+    """Return the indices of the constraint rows of the linkage's last pin."""
     ends = np.cumsum([len(joint.held) for joint in mechanism.joints])  # one row for each held coordinate
     last = max(k for k, joint in enumerate(mechanism.joints) if joint.ends_meet)
     return list(range(ends[last] - len(mechanism.joints[last].held), ends[last]))
