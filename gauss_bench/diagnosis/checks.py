@@ -1,4 +1,4 @@
-"""Checks of the suite itself with known answers: each check returns None if all is correct, or a sentence on the fault it detects.
+"""Check the suite itself with known answers: each check returns None if all is correct, or a sentence on the fault it detects.
 
 Small linkages and short motions are used, so that all checks together take seconds. The gate (`bench/gate.py`) is the regression
 test that compares figures, such as errors, with those of a stored baseline.
@@ -362,7 +362,7 @@ def check_certificate(
 
 @contextmanager
 def ticking() -> Iterator[Callable[[float], None]]:
-    """Replace the processor's clock by an artificial one; the yielded function advances it by seconds."""
+    """Replace the processor's clock by an artificial clock, which the yielded function advances by seconds."""
     now = [0]  # [ns]
 
     def spend(seconds: float) -> None:

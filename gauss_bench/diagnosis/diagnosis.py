@@ -35,7 +35,7 @@ EXPLAINS = 0.9  # share of the squared acceleration error that a named cause mus
 AS_GOOD = 3.0  # an explanation that leaves up to AS_GOOD times the squared error of the best cannot be distinguished from the best
 MOST = 0.5  # share of an error that counts as most of the error
 SEEN = 1e-7  # relative error of accelerations that is too large for round-off
-OPEN = 0.3  # largest gap of a loop, relative to the linkage's size; with a larger one the accelerations cannot be compared
+OPEN = 0.3  # largest gap of a loop, relative to the linkage's size, with which accelerations can be compared
 NOISE = 1e-9  # relative difference of accelerations at equal states above which the equations differ
 STILL = 1e-3  # largest travel of samples that count as standing still, relative to the true travel
 BESIDE_TURNS = 1e-3  # [rad, m] largest error that is left after whole turns are removed
@@ -48,7 +48,7 @@ LEAST_LATE, MOST_LATE = 0.2, 20.0  # [steps] limits of a time shift found from t
 MIN_VIOLATING = 0.2  # an error may be drift if a larger share of it violates the constraints
 MAX_PROJECTED = 1 / 3  # the error is drift if projection of the steps leaves less than this share
 BETTER = 10.0  # factor by which a second cause must reduce the squared residual
-MIN_CORRELATION = 0.8  # correlation of gap and constraint force (`Closure.held`) from which a constraint is compliant
+MIN_CORRELATION = 0.8  # correlation of gap and constraint force (`Closure.held`) above which a constraint is compliant
 TINY_GAP = SMALL / 10  # [m, rad] smaller gaps of loops are not explained
 UNDIVIDED = (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE, Cause.LENGTH)  # causes that explain the whole error or none of it
 
@@ -197,7 +197,7 @@ class Case:
     Attributes:
         first: the burst of the run with the requested setting; true: reference states at its checkpoints.
         position_errors: (k, n) errors of this run at its checkpoints [m, rad].
-        bursts: those of every run, at the checkpoints that all runs reached; the run with the smallest step comes last.
+        bursts: bursts of all runs, at the checkpoints that every run reached; the run with the smallest step comes last.
         errors: largest position error of every run [m, rad].
         limit, by_step, whole: root mean squares of both parts of `steps`, and of the whole error [m, rad].
         sound: the samples in `bursts`, without the checkpoints at which a loop is wide open or a value is not finite.
@@ -310,7 +310,7 @@ class Case:
         return Answer(Cause.ACCELERATIONS, f"{wrong}, which no parameter explains", explanations)
 
     def _find_turns(self) -> Answer | None:
-        """Detect angles that an engine has wrapped into one turn: the errors are whole turns of angles, and nothing else."""
+        """Detect angles that an engine has wrapped into one turn: all but BESIDE_TURNS of the errors are whole turns of angles."""
         rest, turns = self.position_errors.copy(), np.round(angles(self.position_errors) / (2 * np.pi))  # turns (k, links)
         angles(rest)[...] -= 2 * np.pi * turns
         if not turns.any() or not largest(rest) <= BESIDE_TURNS:

@@ -1,4 +1,4 @@
-"""Explanations of wrong accelerations: each predicts the error of the accelerations that a fault would cause.
+"""Explain wrong accelerations: each explanation predicts the error of the accelerations that a fault would cause.
 
 y (k, n) is the error of the engine's accelerations at k of its own states, and x (k, n) is the error that a fault of unit amount
 would cause. The amount c of a fault, its size relative to the unit amount, is fitted by least squares in the metric of the mass
@@ -123,7 +123,7 @@ def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None
         fit = _fit(explanation, target, root, norm)
         if fit is not None and (fit.residual <= noise or not explanation.exact):
             fits.setdefault(fit.sentence, fit)
-    # equal keys keep their order; beyond the noise the largest share comes first
+    # fits within the noise keep their order; of the others, the largest share comes first
     return sorted(fits.values(), key=lambda x: -np.inf if x.residual <= noise else -x.share)
 
 

@@ -1,4 +1,4 @@
-"""Engines with one known fault each, which the self-test runs and the diagnosis must name.
+"""Make engines with one known fault each; the self-test runs them, and the diagnosis must name the fault.
 
 Each faulty engine is one of the suite's formulations with its integrators. `planted.toml` lists the faults.
 """
@@ -43,7 +43,7 @@ class Fault:
         terms: (terms, model, t, q, v) -> terms that are solved for accelerations instead.
         solved: (solution, terms, model) -> solution that is used instead.
         stepped: (state, model, t) -> state with which the engine goes on after the step that ended at t.
-        times: (requested times, step) -> as many times, at which samples are taken instead.
+        times: (requested times, step) -> equally many times, at which samples are taken instead.
         read: (trajectory, mechanism) -> the trajectory that the engine returns.
         where: linkage and scenario in which the fault shows.
     """

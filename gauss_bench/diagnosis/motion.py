@@ -1,11 +1,11 @@
-"""The suite's own motion of a linkage for many states at once: accelerations, flow, and the reference at any time.
+"""Compute the suite's own motion of a linkage for many states at once: accelerations, flow, and the reference at any time.
 
 In weighted coordinates b = M^(1/2) a, with the singular values of K = J M^(-1/2) = U S V^T above the tolerance (index 1),
 
     b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
 Each term can be replaced, to predict the effect of a fault. Redundant rows of loops that an engine leaves open by some micrometres
-contradict each other slightly, and RANK_TOLERANCE still counts them as redundant.
+contradict each other slightly; within RANK_TOLERANCE they still count as redundant.
 """
 
 from dataclasses import dataclass, replace

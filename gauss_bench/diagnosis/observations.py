@@ -1,4 +1,4 @@
-"""The runs of a diagnosis: one motion with steps h, h/2 and h/4, each sampled three times around every checkpoint.
+"""Make the runs of a diagnosis: one motion with steps h, h/2 and h/4, each sampled three times around every checkpoint.
 
 Checkpoints are the times at which errors are analysed, the same in all runs. The engine's step after a checkpoint is compared
 with the exact motion over this step, which begins at the engine's own state. The state one step before shows whether the engine

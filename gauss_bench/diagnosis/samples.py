@@ -77,7 +77,7 @@ def fit_time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap 
 
 
 def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
-    """Estimate the ratio of true time to reported time, limited to 0.2 to 5, as a first guess for the fit.
+    """Estimate the ratio of true time to reported time, limited to the range from 0.2 to 5, as a first guess for the fit.
 
     The true time of a reported state is that of the nearest sample of the reference. `pace` [s] makes velocities comparable with
     positions.

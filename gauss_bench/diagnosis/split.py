@@ -35,7 +35,7 @@ STAYS = 0.75  # a gap is independent of the step if at least this share remains 
 HALF = 0.5  # least difference of two orders of convergence that is significant
 PERIODS = 3  # number of parts of a run; the first is "early", the last "late"
 FITS = 0.999  # share of the squared gaps that a displaced pin must explain
-SAME = 0.05  # relative difference of a pin's displacement between two runs
+SAME = 0.05  # largest relative difference of a pin's displacement between two runs
 TURNS = 1e-2  # [rad] least turn of a link that distinguishes a turning gap from a constant one
 GROWS = 3.0  # a gap grows if its late value is above GROWS times its early value
 

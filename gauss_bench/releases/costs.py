@@ -1,8 +1,8 @@
 """Time the steps of all releases of an engine's library in interleaved blocks, each release in processes of its own environment.
 
 The time of a run of N steps is overhead + N * (time per step). Runs with two numbers of steps give the overhead and the time per
-step. Costs are ratios to the time of the newest release, and changes of cost are ratios to that of the release before. The newest
-release is timed twice in each comparison, in separate processes. The ratio of these two times should be 1. The noise is the
+step. Costs are ratios to the time of the newest release, and changes of cost are ratios to the time of the release before. The
+newest release is timed twice in each comparison, in separate processes. The ratio of these two times should be 1. The noise is the
 distance from 1 to the farther end of the range in which this ratio is expected.
 """
 
@@ -119,7 +119,7 @@ def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: M
 
 
 def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: str) -> Rows:
-    """Return the costs of releases whose time differs from that of the release before by more than LEAST and the noise.
+    """Return the costs of releases whose time differs from that of the timed release before by more than LEAST and the noise.
 
     The column `before` has the version of the release before. `versions` are in order, the newest last; `measured` maps a version,
     or `null` for the second timing of the newest, to times (processes,) [s].

@@ -1,4 +1,4 @@
-"""Keep unsaved drawings in the user's cache folder, so that the end of a browser or server loses nothing.
+"""Keep unsaved drawings in the user's cache folder, so that nothing is lost when the browser or the server ends.
 
 Each file of unsaved work belongs to one process of the studio and one document. After the process has ended, the studio offers the
 unsaved work when a user opens the document again.

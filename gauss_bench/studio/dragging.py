@@ -38,7 +38,7 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
         if group in locked and ":" not in lock:  # the lock of a length has a colon, and no drag changes lengths
             locked[group].append(name)
     locked_pins = [d.pins[x] for x in locked["pins"] if x in d.pins and d.pins[x].members]
-    points = [x.members[0] for x in locked_pins if owner(x.members[0]) != "ground"]  # to lock one point locks its pin
+    points = [x.members[0] for x in locked_pins if owner(x.members[0]) != "ground"]  # locking one point locks its pin
     joints = {x.joint for x in mechanism.pins}.intersection(locked["joints"])
     try:
         parts = Locks(tuple(locked["links"]), tuple(points), tuple(locked["slides"]), tuple(sorted(joints)))
@@ -51,9 +51,9 @@ def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, An
     """Drag the linkage towards the pointer, and return the reply to the page.
 
     The reply has the `poses` of the links, whether the dragged pin has `reached` the pointer, their distance `apart` [m], the
-    processor time `ms` [ms], and a `note`. The note is given only at a limit of the motion, where the pin can move in fewer
-    directions than at the beginning of the drag. There is no note if the pointer is away from the circle of a crank's pin, because
-    the pin can still move along the circle.
+    processor time `ms` [ms], and a `note`. The note is None except at a limit of the motion, where the pin can move in fewer
+    directions than at the beginning of the drag. A pointer away from the circle of a crank's pin causes no note, because the pin
+    can still move along the circle.
     """
     target, began = place(message.get("at")), time.thread_time()
     moved = drag.to(np.array([target.real, target.imag]), STEPS)

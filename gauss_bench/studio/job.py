@@ -1,4 +1,4 @@
-"""The process of a long job, which sends its results to the studio as lines of JSON on standard output.
+"""Run a long job in its own process, and send results to the studio as lines of JSON on standard output.
 
 The request arrives as a line of JSON on standard input, which the studio keeps open as long as it runs. When standard input is
 closed, this process kills itself and all processes that it has started.
@@ -68,7 +68,7 @@ def choose_frames(t: Any) -> Any:
 
 
 def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other_q: Any) -> dict[str, Any]:
-    """Return the largest distance [m] of any link's centre of mass between two motions, over time, and its maximum with the link.
+    """Return the largest distance [m] of a link's centre of mass between two motions, over time; also its maximum with the link.
 
     Args:
         t, q: times (k,) and positions (k, n) of the links in the first motion.

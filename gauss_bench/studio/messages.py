@@ -25,7 +25,7 @@ class Refused(ValueError):
 
 
 def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
-    """Return the value of type `kind` at a key of a message. If the key is missing, return `otherwise`, or refuse if it is None."""
+    """Return the value of type `kind` at a key of a message. A missing key gives `otherwise`, or is refused without `otherwise`."""
     value = message.get(key, otherwise)
     if value is None and otherwise is None:
         raise Refused(f"{key} is missing", field=key)
@@ -35,7 +35,7 @@ def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> A
 
 
 def number(message: Message, key: str, otherwise: float | None = None) -> float:
-    """Return the finite number at a key of a message. If the key is missing, return `otherwise`, or refuse if it is None."""
+    """Return the finite number at a key of a message. A missing key gives `otherwise`, or is refused without `otherwise`."""
     x = message.get(key, otherwise)
     if not isinstance(x, (int, float)) or isinstance(x, bool) or not math.isfinite(x):
         raise Refused(f"{key} must be a finite number", field=key)

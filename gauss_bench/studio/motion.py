@@ -106,7 +106,7 @@ def pose_motion(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
 def describe_forces(mechanism: Mechanism, trajectory: Trajectory) -> dict[str, Any]:
     """Return the part of the reply with the force or torque of the first driver, and forces and moments in pins and slides.
 
-    The first is None and the others are empty if the trajectory has no samples or the forces cannot be computed.
+    `torque` is None and `pins` is empty if the trajectory has no samples or the forces cannot be computed.
     """
     unknown: dict[str, Any] = {"torque": None, "pins": []}
     if not len(trajectory.t):

@@ -150,7 +150,7 @@ def behind(session: Session, message: Message) -> Reply:
 
 def branches(session: Session, message: Message) -> Reply:
     """Return name and poses of all assemblies with the present angles of the input links."""
-    numbered = enumerate(dragging.find_branches(session.reading))  # number 0 is the drawn one
+    numbered = enumerate(dragging.find_branches(session.reading))  # 0: the drawn assembly
     return {"branches": [{"name": f"branch {k}" if k else "as drawn", "poses": session.reading.poses(q)} for k, q in numbered]}
 
 

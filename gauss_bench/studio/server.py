@@ -1,4 +1,4 @@
-"""The studio's server for this machine: it serves the page, the page's files, and one socket for each browser page that is open.
+"""Serve the studio to this machine: the page, the page's files, and one socket for each page that is open in a browser.
 
 Threads answer requests. Requests of one page are answered in their order, except long ones. Changes by different pages are made one
 after the other.
@@ -81,7 +81,7 @@ class Guarded:
 
 
 class Connection(H11Protocol):
-    """A connection to the server. If more than WAITING connections are idle when it opens, the one that opened first is closed."""
+    """A connection to the server. If more than WAITING connections are idle when it opens, the oldest idle one is closed."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Register this connection, and close the oldest idle one if there are too many."""

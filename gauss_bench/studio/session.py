@@ -1,4 +1,4 @@
-"""An open drawing with its history of texts for undo and redo, its locks, and the picture behind it."""
+"""Hold an open drawing with its history of texts for undo and redo, its locks, and the picture behind it."""
 
 import threading
 from collections.abc import Callable
@@ -23,9 +23,9 @@ class Session:
         folder: folder in which files may be opened and saved.
         lock: lock that a thread must hold when it uses the state.
         path: file from which the text was opened, or to which it was saved; or None.
-        saved: text that cannot be lost, because it exists elsewhere: of the file or template, or EMPTY; "" for a pasted text.
+        saved: text that exists elsewhere and cannot be lost: of the file or template, or EMPTY; "" for a pasted or imported text.
         done, undone: states (text, locks) before the present state and after it, for undo and redo.
-        locks: ids of pins, slides, links and lengths that a drag must not change.
+        locks: ids of locked pins, slides, links, joints and lengths.
         revision: number of changes of the document so far.
         motions: number of motions computed so far.
         searches: thread that searches for singular positions, one motion after the other.

@@ -1,4 +1,4 @@
-"""Commands that make and verify certificates, which are reference motions with guaranteed digits."""
+"""Make and verify certificates, which are reference motions with guaranteed digits."""
 
 from argparse import Namespace
 from dataclasses import replace

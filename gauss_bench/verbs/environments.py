@@ -1,4 +1,4 @@
-"""The subcommand `engines`, which lists, installs and removes engines in environments of their own."""
+"""List, install and remove engines in environments of their own, for the subcommand `engines`."""
 
 import sys
 from dataclasses import asdict, dataclass

@@ -1,7 +1,4 @@
-"""Commands that run many cases.
-
-`recommend` searches for settings, `sweep` varies numbers of a linkage, and `atlas` finds the limits of engines.
-"""
+"""Run many cases: `recommend` searches for settings, `sweep` varies numbers of a linkage, and `atlas` finds limits of engines."""
 
 from argparse import Namespace
 from typing import Annotated, Any

@@ -1,4 +1,4 @@
-"""The document that an edit changes, with the poses of its links. Every edit is a function of a `Drawing`.
+"""Hold the document that an edit changes, with the poses of its links. Every edit is a function of a `Drawing`.
 
 Tables and poses determine the places of all points; after the edit, the file's sketch (`assembly.sketch`, from which joints are
 closed) is written anew. Places are complex numbers x + i y [m]. A reference is the text "LINK.POINT". The id of a pin is the name

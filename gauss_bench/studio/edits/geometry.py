@@ -1,4 +1,4 @@
-"""Edits of geometry: add pins, bars, larger links and slides; join, ground and move pins; set lengths and angles.
+"""Edit the geometry: add pins, bars, larger links and slides; join, ground and move pins; set lengths and angles.
 
 Every function with the name of a verb makes the edit of that verb. `../README.md` lists the keys of its message.
 """

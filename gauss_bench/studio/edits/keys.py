@@ -1,4 +1,4 @@
-"""Edits of tables by their keys: set, rename and delete entries; add forces; find the part that a message locks."""
+"""Edit tables by their keys: set, rename and delete entries; add forces; find the part that a message locks."""
 
 import re
 from collections.abc import Callable
@@ -113,8 +113,8 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
 def _rename_pin(d: Drawing, name: str, to: str) -> None:
     """Rename the pin with the id `name`: its joint, and the points at the pin that have the joint's name.
 
-    A point keeps its name if its link has a point `to`, which is refused for a pin without a joint. After a refusal the caller
-    discards all changes.
+    If a link has a point `to` already, the link's point at the pin keeps its name; for a pin without a joint this is refused. After
+    a refusal the caller discards all changes.
     """
     pin = d.pin(name)
     joint, where = d.joint_of(pin), (f"pins.{name}",)

@@ -100,8 +100,8 @@ def drawn_value(reading: Reading, driver: Mapping[str, Any]) -> float | None:
 def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] | None = None) -> None:
     """Let the scenario "driven" of a document start in the drawn position.
 
-    Drivers without a start get the drawn value, or, if `only` is given, those drivers that have its keys and values. `start` is
-    written again for the coordinates without drivers.
+    A driver without a start gets the drawn value; with `only`, the driver must also have these keys and values. `start` is written
+    again for the coordinates without drivers.
     """
     scenario = table(table(document, "scenarios"), DRIVEN)
     drivers = drivers_of(scenario)
