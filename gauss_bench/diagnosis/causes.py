@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class Part(StrEnum):
-    """The parts of an error."""
+    """A part of an error."""
 
     MODEL = "model"
     SOFTNESS = "constraint softness"
@@ -15,7 +15,7 @@ class Part(StrEnum):
 
 
 class Cause(StrEnum):
-    """The causes that a diagnosis can name."""
+    """A cause that a diagnosis can name."""
 
     NONE = "no dominant cause"
     INERTIA = "inertia"

@@ -1,4 +1,4 @@
-"""Checks of the suite itself with known answers: each check returns None if all is correct, or a sentence on the fault it detects.
+"""Check the suite itself with known answers: each check returns None if all is correct, or a sentence on the fault it detects.
 
 Small linkages and short motions are used, so that all checks together take seconds. The gate (`bench/gate.py`) is the regression
 test that compares figures, such as errors, with those of a stored baseline.
@@ -53,7 +53,7 @@ def check(findings: Callable[[], Findings]) -> Callable[[], str | None]:
 
     @wraps(findings)
     def first_fault() -> str | None:
-        with closing(findings()) as found:  # leaves the contexts inside a generator that has not reached its end
+        with closing(findings()) as found:  # exits the contexts inside a generator that is not run to its end
             return next((sentence for is_wrong, sentence in found if is_wrong), None)
 
     return first_fault
@@ -88,7 +88,7 @@ change = alter  # the function `alter` where an argument `alter` hides this name
 
 @cache
 def states(which: tuple[str, str]) -> Samples:
-    """Return 16 random states of a linkage, with the true accelerations at them; `which` has the names of linkage and scenario."""
+    """Return 16 random states of a linkage, with their true accelerations; `which` has the names of linkage and scenario."""
     return random_states(load(*which), count=16)
 
 
@@ -101,7 +101,7 @@ def truth(which: tuple[str, str], until: float = 0.5) -> Reference:
 
 
 def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
-    """Return a trajectory with the number `by` added to one coordinate (`column`) of its array `level`: "q", "v" or "a"."""
+    """Return a trajectory with the number `by` added to the coordinate `column` of its array `level`: "q", "v" or "a"."""
     return replace(x, **{level: getattr(x, level) + by * np.eye(x.q.shape[1])[column]})
 
 
@@ -212,7 +212,7 @@ def check_stabilizations() -> Findings:
     q = x.q[0].copy()
     q[0] += MOVED
     terms = evaluator.terms(0.0, q, x.v[0] + MOVED)
-    expected = -2 * rate * terms.phi_dot - rate**2 * terms.phi  # of gamma, by Baumgarte
+    expected = -2 * rate * terms.phi_dot - rate**2 * terms.phi  # Baumgarte's change of gamma
     error = np.abs(algebra.baumgarte(terms, rate, rate).gamma - terms.gamma - expected).max()
     yield error > AGREES * np.abs(expected).max(), "Baumgarte's terms do not lead back to the constraints"
     projected_q, projected_v = evaluator.project(0.0, q, x.v[0])
@@ -226,7 +226,7 @@ def check_stabilizations() -> Findings:
 
 @check
 def check_metrics() -> Findings:
-    """Check the metrics of motions with known, planted errors, each followed by the metrics that must have its size."""
+    """Check that the metrics of motions with planted errors have the known sizes of these errors."""
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
     evaluator, sound = Evaluator(mechanism), reference.samples  # `sound`: the correct motion
     x, y = SIZE, SIZE + 1  # columns of the second link's centre of mass
@@ -263,7 +263,7 @@ def check_joint_forces() -> Findings:
         evaluator = Evaluator(mechanism)
         by_joint = metrics.joint_forces(evaluator, reference.samples)  # force of the first link of a joint on its second link
         required = reference.a * evaluator.mass - evaluator.applied.generalised(reference.q, reference.v)  # M a - Q (k, n)
-        unbalanced = bodies(required).copy()  # (k, links, 3): what the joints must exert, less what they do exert
+        unbalanced = bodies(required).copy()  # (k, links, 3): force that the joints must exert, minus their force
         for joint in mechanism.joints:
             (first, second), exerted = joint.ends, by_joint[joint.name]
             force, place = np.stack([exerted["fx"], exerted["fy"]], axis=1), position(reference.q, second)
@@ -362,7 +362,7 @@ def check_certificate(
 
 @contextmanager
 def ticking() -> Iterator[Callable[[float], None]]:
-    """Replace the processor's clock by an artificial one; the yielded function advances it by seconds."""
+    """Replace the processor's clock by an artificial clock, which the yielded function advances by seconds."""
     now = [0]  # [ns]
 
     def spend(seconds: float) -> None:
@@ -381,7 +381,7 @@ def check_clocks() -> Findings:
         # preparation, 5 s, must not be timed; 500 steps in 0.5 s, done twice, are 1 ms each
         block = blocks.Block("steps", ready=lambda: spend(5.0), go=lambda: spend(0.5), count=500, calls=2)
         yield differs(block.seconds(), 1e-3, 1e-9), "a thousand steps in a second take another time than a millisecond each"
-        # a block repeats a short call until it lasts some milliseconds; each call counts as `work` repetitions
+        # a block repeats a short call until the block lasts some milliseconds; each call counts as `work` repetitions
         for duration, work in ((1e-7, 1), (3e-5, 40)):
             repeated = blocks.calls_block("call", lambda duration=duration: spend(duration), work)  # type: ignore[misc]
             seconds = one_run.measure_seconds(repeated.go)
@@ -401,7 +401,7 @@ def check_clocks() -> Findings:
     wandering = np.random.default_rng(3).uniform(1.0, 2.0, 40)
     spread = max(abs(x - 3.0) for x in clock.ratio(3.0 * wandering, wandering))
     yield spread > 1e-12, "a delay of both entries in one round counts as spread"
-    # `ratio` returns the ratio and its spread, low to high, which is to hold nine tenths of the distribution of the ratio
+    # `ratio` returns the ratio and its spread, an interval that must contain nine tenths of the distribution of the ratio
     n = 4000
     _, low, high = clock.ratio(np.random.default_rng(5).uniform(0.0, 1.0, n) + 1.0, np.ones(n))
     # The lower quartile of n uniform numbers is nearly normal with variance p (1 - p) / n, p = 1/4; nine tenths of a normal
@@ -417,7 +417,7 @@ def check_clocks() -> Findings:
 def check_gate() -> Findings:
     """Check the gate, the regression test that compares figures with a stored baseline.
 
-    It must accept unchanged figures, and reject figures just outside their tolerances, also if they became much better.
+    The gate must accept unchanged figures, and reject figures just outside their tolerances, also much better ones.
     """
     base: Figures = {"status": "ok", "valid": "True", "position_error": 1e-6, "position_drift": 1e-9}
     base |= {"observed_order": 4.0, "measured_t1": 12.0, "acceleration_error_median": 1e-10}
@@ -431,11 +431,11 @@ def check_gate() -> Findings:
     wrong |= {"measured_t1": 12.0 + 1e-7, "status": "nan", "valid": "False", "acceleration_error_median": math.nan}
     for key, value in wrong.items():
         yield not ask_gate(base | {key: value}, base), f"the gate accepts {key} = {value}, which was {base[key]}"
-        # an order may be missing, as that of a run whose errors are rounding; every run has a status, which cannot be missing
+        # an order may be missing, for example if all errors are rounding; every run has a status, which cannot be missing
         if key not in ("observed_order", "status"):
             missing = {k: x for k, x in base.items() if k != key}
             yield not ask_gate(missing, base), f"the gate accepts that {key} is missing"
-    floor = gate.RULES["acceleration_error_median"].floor  # errors up to it are rounding and may change freely
+    floor = gate.RULES["acceleration_error_median"].floor  # errors up to the floor are rounding and may change
 
     def rejects(factor: float) -> bool:
         """Tell whether the gate rejects an error that grows from 1 % of the floor to `factor` times the floor."""

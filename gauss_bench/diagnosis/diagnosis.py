@@ -4,9 +4,9 @@ The questions are asked in such an order that no fault falsifies the answer to a
 accounts for most of the error. Two kinds of accelerations are compared with correct ones at the engine's own states: those that the
 engine reports, and the implied accelerations, which are the change of velocities in a step divided by the step.
 
-The verdict is "no dominant cause" if the largest error of a position is below SMALL or below BARS times the error bar of the
-reference, and if the reported accelerations are wrong by at most OFF_REPORTED. The parts of such an error are computed all the
-same.
+The verdict is "no dominant cause" if the largest error of a position is at most SMALL or BARS times the error bar of the reference,
+reported velocities are correct, and reported accelerations are wrong by at most OFF_REPORTED and reproduced by no known fault. The
+parts of such an error are computed too.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,27 +28,27 @@ from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Reference, States, Status
 
 BARS = 3.0  # errors below BARS times the error bar of the reference are not explained
-SMALL = 1e-6  # [m, rad] errors below it are not explained: they are below the tolerances of drawings
-OFF_VELOCITIES = 0.1  # relative error of reported velocities; steps of a tenth of a period cause less
+SMALL = 1e-6  # [m, rad] smaller errors are not explained: they are below the tolerances of drawings
+OFF_VELOCITIES = 0.1  # relative error above which reported velocities are wrong; steps of a tenth of a period cause a smaller one
 OFF_REPORTED = 1e-3  # relative error (median) of reported accelerations: a tenth of the limit of the judge
 EXPLAINS = 0.9  # share of the squared acceleration error that a named cause must account for
-AS_GOOD = 3.0  # an explanation with a residual up to AS_GOOD times the smallest cannot be distinguished from the best
-MOST = 0.5  # share of an error above which a part is dominant
-SEEN = 1e-7  # relative error of accelerations that is certainly not round-off
-OPEN = 0.3  # largest gap of a loop, relative to the linkage's size; with a larger one the accelerations cannot be compared
+AS_GOOD = 3.0  # an explanation that leaves up to AS_GOOD times the squared error of the best cannot be distinguished from the best
+MOST = 0.5  # share of an error that counts as most of the error
+SEEN = 1e-7  # relative error of accelerations that is too large for round-off
+OPEN = 0.3  # largest gap of a loop, relative to the linkage's size, with which accelerations can be compared
 NOISE = 1e-9  # relative difference of accelerations at equal states above which the equations differ
 STILL = 1e-3  # largest travel of samples that count as standing still, relative to the true travel
 BESIDE_TURNS = 1e-3  # [rad, m] largest error that is left after whole turns are removed
-SHORTER = 4.0  # factor by which a run is shortened that fails before its first checkpoint
+SHORTER = 4.0  # factor by which a run is shortened if it fails before its first checkpoint
 NAMED = 8  # largest number of causes in a sentence; `candidates` has all of them
 OLD, OLDEST = 0.1, 5.0  # [steps] least and largest age of constraint data that is reported
 NEGLIGIBLE, SOUND = 0.02, 1e-5  # negligible share of an error; relative error below which accelerations are correct
 ORDERS = {"rk4": 4.0, "dop853_fixed": 8.0}  # integrator -> order of convergence
 LEAST_LATE, MOST_LATE = 0.2, 20.0  # [steps] limits of a time shift found from the first step
-MIN_VIOLATING = 0.2  # share of the error that violates the constraints from which it may be drift
+MIN_VIOLATING = 0.2  # an error may be drift if a larger share of it violates the constraints
 MAX_PROJECTED = 1 / 3  # the error is drift if projection of the steps leaves less than this share
 BETTER = 10.0  # factor by which a second cause must reduce the squared residual
-MIN_CORRELATION = 0.8  # correlation of gap and constraint force (`Closure.held`) from which a constraint is compliant
+MIN_CORRELATION = 0.8  # correlation of gap and constraint force (`Closure.held`) above which a constraint is compliant
 TINY_GAP = SMALL / 10  # [m, rad] smaller gaps of loops are not explained
 UNDIVIDED = (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE, Cause.LENGTH)  # causes that explain the whole error or none of it
 
@@ -197,11 +197,11 @@ class Case:
     Attributes:
         first: the burst of the run with the requested setting; true: reference states at its checkpoints.
         position_errors: (k, n) errors of this run at its checkpoints [m, rad].
-        bursts: those of every run, at the checkpoints that all runs reached; the run with the smallest step comes last.
+        bursts: bursts of all runs, at the checkpoints that every run reached; the run with the smallest step comes last.
         errors: largest position error of every run [m, rad].
         limit, by_step, whole: root mean squares of both parts of `steps`, and of the whole error [m, rad].
-        sound: the samples in `bursts`, without the checkpoints at which a loop is wide open.
-        local: errors of accelerations in the samples `sound` of every run, or None if there are none.
+        sound: the samples in `bursts`, without the checkpoints at which a loop is wide open or a value is not finite.
+        local: for every run, the errors of accelerations in its samples `sound`, or None without such samples.
         start: the start state, repeated for each state of the last run in `sound`.
         noise: relative error that correct accelerations may have.
         map, jump_time: the fitted map of time, and the time of a jump [s]; NaN until they are found.
@@ -241,7 +241,7 @@ class Case:
         """Return the dominant cause of the error: the answer to the first question that finds one.
 
         A fault of the model that reproduces the reported accelerations is the cause if most of the error remains at smaller steps,
-        or if the error is rounding. Otherwise the fault is listed as the explanation of another cause that has none.
+        or if the error is rounding. Otherwise the fault is listed with the other cause, if that cause has no explanation.
         """
         if self.error <= max(SMALL, BARS * self.bar):
             return self._explain_small_error()
@@ -257,7 +257,7 @@ class Case:
         return answer
 
     def _acceleration_noise(self) -> float:
-        """Return the relative error that correct accelerations may have: NOISE, or ten times the difference of two solvers."""
+        """Return the relative error that correct accelerations may have: NOISE, or 10 times the difference of solvers if larger."""
         states = self.sound[-1].at
         if not len(states) or self.own.evaluator.friction:
             return NOISE  # with friction `own` uses the second solver itself, so that the difference would be zero
@@ -310,7 +310,7 @@ class Case:
         return Answer(Cause.ACCELERATIONS, f"{wrong}, which no parameter explains", explanations)
 
     def _find_turns(self) -> Answer | None:
-        """Detect angles that an engine has wrapped into one turn: the errors are whole turns of angles, and nothing else."""
+        """Detect angles that an engine has wrapped into one turn: all but BESIDE_TURNS of the errors are whole turns of angles."""
         rest, turns = self.position_errors.copy(), np.round(angles(self.position_errors) / (2 * np.pi))  # turns (k, links)
         angles(rest)[...] -= 2 * np.pi * turns
         if not turns.any() or not largest(rest) <= BESIDE_TURNS:
@@ -388,7 +388,7 @@ class Case:
     def _find_length(self) -> Answer | None:
         """Detect a pin that the engine has at another place of a link than the file.
 
-        The gap of such a pin has a constant part that is fixed in the frame of the link, whatever the step.
+        Except for a constant, the gap of such a pin is fixed in the frame of the link, for any step.
         """
         opened = self.closure.closure[-1]
         if len(self.bursts) < 2 or not opened > TINY_GAP:
@@ -448,14 +448,14 @@ class Case:
     def _shift_of_first_step(self) -> float:
         """Return the time shift [s] of all samples but the start, found from the first step of every run; 0 if there is none.
 
-        It is seen even if the integration errors of later steps are so large that a fit to all samples does not find the shift.
+        The first step shows the shift even if integration errors of later steps are too large for a fit to all samples.
         """
         shifts = []
         for b, x in zip(self.bursts, self.local, strict=True):
             if self.adaptive or x is None or not len(b.stepped):
                 return 0.0
             true = self.own.flow(b.start, np.array([b.step]))
-            # error of the state (positions, and velocities times the step) after the first step, and its change in one more step
+            # error of the state (positions, and velocities times the step) after the first step; change of the state in a step
             error = np.concatenate([b.stepped.q[0] - true.q[0], (b.stepped.v[0] - true.v[0]) * b.step])
             slope = np.concatenate([true.v[0] * b.step, self.own.accelerations(true)[0] * b.step**2])
             steps = float(error @ slope) / max(float(slope @ slope), 1e-300)  # the shift in steps that explains the error best
@@ -490,7 +490,7 @@ class Case:
         return self._explain_step_error() if self._step_dominates() else self._explain_remaining_error()
 
     def _step_dominates(self) -> bool:
-        """Tell whether the error that decreases with the step is larger than the error that would remain at step zero."""
+        """Tell whether the step causes at least as much error as remains at step zero; False if fixed steps do not converge."""
         return self.limit <= self.by_step and (self.steps.converges or self.adaptive)
 
     def step_exponent(self) -> float:
@@ -507,7 +507,7 @@ class Case:
         return float(np.log(coarse_error / fine_error) / np.log(coarse_step / fine_step))
 
     def _is_round_off(self) -> bool:
-        """Tell whether the error falls more slowly than the step itself, and that of one step does not depend on the step."""
+        """Tell whether the error falls more slowly than the step, and the error of one step hardly depends on the step."""
         return bool(self.errors[-1] > self.error / 2 ** (len(self.errors) - 1) and self.step_exponent() < 0.5)
 
     def _explain_remaining_error(self) -> Answer:
@@ -515,7 +515,7 @@ class Case:
         last, closure = self.local[-1], self.closure
         if last is None:
             return Answer(Cause.UNKNOWN, "the loops are wide open at all checkpoints: no state can be compared")
-        # the implied accelerations are explained only if the reported ones are much better
+        # the implied accelerations are explained only if the reported ones have at most 0.3 of their error
         explanations = self._explain(last.reported if last.relative_reported > 0.3 * last.relative_implied else last.implied)
         if explanations and explanations[0].share >= EXPLAINS:
             best = explanations[0]
@@ -559,14 +559,14 @@ class Case:
         return Answer(Cause.INTEGRATOR, f"the integrator: {share:.0%} of the error {falls}{self._name_hidden_fault()}")
 
     def _loses_order(self) -> bool:
-        """Tell whether the motion converges with a lower order than that of the integrator; False if that order is not known."""
+        """Tell whether the motion's order is lower than the integrator's by more than 1; False if the latter is not known."""
         return bool(self.steps.order < ORDERS.get(self.choices[0].integrator, np.nan) - 1)
 
     def _constraints_are_compliant(self) -> bool:
         """Tell whether the accelerations show that compliant constraints cause the error.
 
-        The order of convergence is then lower than that of the integrator, smaller steps do not halve the error of the reported
-        accelerations, and the gaps of the loops correlate with the constraint forces by more than 0.5.
+        The order of convergence is then too low for the integrator, smaller steps do not halve the error of the reported
+        accelerations, and the largest gap correlates with its constraint force by more than 0.5.
         """
         first, last = self.local[0], self.local[-1]  # runs with the largest and the smallest step
         if first is None or last is None or not self._loses_order():
@@ -601,9 +601,9 @@ class Case:
     def _find_stale_data(self) -> Explained | None:
         """Detect that an engine uses constraint data (Jacobian, bias) of an earlier state than the integrator's present state.
 
-        The age of the data in steps is fitted, first to the errors of the reported accelerations and then to those of the implied
-        ones. The latter contain the error of a correct Euler step if the method has first order, and this error is fitted too. The
-        fit must explain EXPLAINS of the squared error, and leave less than 1 / BETTER of what a fit without old data leaves.
+        The age of the data in steps is fitted to the errors of the reported accelerations, and then to those of the implied ones.
+        With the latter, the error of an explicit Euler step is fitted too, unless the motion's order is too low. The fit must
+        explain EXPLAINS of the squared error, and leave less than 1 / BETTER of the residual of a fit without old data.
         """
         last, finest, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:

@@ -1,4 +1,4 @@
-"""Explanations of wrong accelerations: each predicts the error of the accelerations that a fault would cause.
+"""Explain wrong accelerations: each explanation predicts the error of the accelerations that a fault would cause.
 
 y (k, n) is the error of the engine's accelerations at k of its own states, and x (k, n) is the error that a fault of unit amount
 would cause. The amount c of a fault, its size relative to the unit amount, is fitted by least squares in the metric of the mass
@@ -6,8 +6,8 @@ matrix, as in Gauss's principle. The share of the squared error that the fault e
 
     share = 1 - |y - c x|^2 / |y|^2
 
-A fault that is either present or not, such as a missing joint, is accepted only if its c is near 1. The amount of a wrong mass or
-inertia, which changes the accelerations nonlinearly, is refined by Gauss-Newton steps.
+A fault that is either present or not, such as a missing joint, is accepted only if its c is near 1. The amount of a wrong mass,
+inertia or entry of J, which changes the accelerations nonlinearly, is refined by Gauss-Newton steps.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -27,9 +27,9 @@ from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
-SMALL = 1e-4  # relative change of a parameter by which its effect is measured
+SMALL = 1e-4  # relative change of a parameter for which its effect is computed
 REFINEMENTS = 8  # largest number of Gauss-Newton steps
-LEAST_AMOUNT, MOST_AMOUNT = -0.95, 20.0  # limits of a relative change of a mass or inertia
+LEAST_AMOUNT, MOST_AMOUNT = -0.95, 20.0  # limits of an amount that is refined; the first keeps masses positive
 SCREENED = 0.5  # an exact explanation is considered only if its linear fit leaves at most this share of |y|^2
 NUMBERS = ("value", "k", "c", "rest")  # attributes of forces that may be wrong
 ONCE = 0.15  # largest |c - 1| of a fault that is present or not; errors of the integrator disturb the fit
@@ -51,10 +51,10 @@ class Explanation:
 
     Attributes:
         what: the fault in words, such as "inertia of crank".
-        effect: (k, n) change of the accelerations by an amount of 1, or a function amount -> (k, n) if it is not proportional.
+        effect: (k, n) change of the accelerations for an amount of 1, or a function amount -> (k, n) if it is not proportional.
         template: sentence on the fault, with the placeholder {is}, {are} or {amount}, which `tell` replaces.
         once: whether the fault is either present or not, such as a missing joint, so that its fitted amount must be about 1.
-        exact: whether it must reproduce the error to within the noise: of very many faults, some fit a part of an error by chance.
+        exact: whether the fault must reproduce the error to within the noise, because some of many faults fit a part by chance.
     """
 
     cause: Cause
@@ -106,13 +106,13 @@ def tell(template: str, amount: float) -> str:
 
 
 def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
-    """Fit possible faults to errors y (k, n) of accelerations; return the fits, those within the noise first, then the best.
+    """Fit possible faults to errors y (k, n) of accelerations; return the fits within the noise, then the others, the best first.
 
-    Faults without an effect are left out, and so are `exact` ones whose residual exceeds the noise.
+    Faults without an effect are left out, and also `exact` faults whose residual exceeds the noise.
 
     Args:
         mass: (n,) diagonal of the mass matrix, by which squared errors are weighted.
-        a: (k, n) correct accelerations, by whose size residuals are divided; by default residuals are divided by the size of y.
+        a: (k, n) correct accelerations, by whose size residuals are divided; by default by the size of y.
         noise: relative error that correct accelerations may have.
     """
     root = np.sqrt(mass)
@@ -123,7 +123,7 @@ def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None
         fit = _fit(explanation, target, root, norm)
         if fit is not None and (fit.residual <= noise or not explanation.exact):
             fits.setdefault(fit.sentence, fit)
-    # equal keys keep their order; beyond the noise the largest share comes first
+    # fits within the noise keep their order; of the others, the largest share comes first
     return sorted(fits.values(), key=lambda x: -np.inf if x.residual <= noise else -x.share)
 
 
@@ -149,7 +149,7 @@ def _fit(x: Explanation, target: Array, root: Array, norm: float) -> Explained |
         return None
     amount = float(column @ target) / column_square
     residual = target - column * amount
-    # saves the refinement of most of the many exact explanations
+    # this avoids the refinement of most exact explanations, which are many
     if x.exact and float(residual @ residual) > SCREENED * target_square:
         return None
     if callable(x.effect):  # not proportional to the amount; the refinement starts at a factor 1 + amount of 0.1 to 10
@@ -162,9 +162,9 @@ def _fit(x: Explanation, target: Array, root: Array, norm: float) -> Explained |
 
 
 def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> tuple[float, Array]:
-    """Refine the amount of a wrong mass or inertia by Gauss-Newton steps from a guess; return it and the residual (k n,).
+    """Refine the amount of a fault by Gauss-Newton steps from a guess; return the amount and the residual (k n,).
 
-    `effect` maps an amount to the weighted change (k n,) of the accelerations. LEAST_AMOUNT keeps the engine's mass positive.
+    `effect` maps an amount to the weighted change (k n,) of the accelerations.
     """
     residual = target - effect(amount)
     for _ in range(REFINEMENTS):
@@ -239,7 +239,7 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield the possible faults in which one force or a sum of forces has a wrong factor; an amount of -1 leaves it out."""
+    """Yield the possible faults in which a force or a sum of forces has a wrong factor; an amount of -1 leaves them out."""
     mechanism, parts = own.mechanism, own.parts(x)
 
     def force_of(*forces: Force) -> Array:
@@ -286,7 +286,7 @@ def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def constraint_explanations(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """Yield the possible faults in which an engine leaves out constraints or terms of them, or uses those of another state.
+    """Yield the possible faults in which an engine leaves out constraints or some of their terms, or uses terms of another state.
 
     For constraint data of an earlier step, the amount is their age in steps. All other faults are present or not.
 
@@ -315,7 +315,7 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
     for what, be, indices in dropped:
         effect: Array = parts.without(indices).accelerations() - parts.unaltered
         yield Explanation(Cause.IGNORED, what, effect, f"{what} {be} left out", once=True)
-    second = own.second_rates(x)  # (k, m), zero but for drivers
+    second = own.second_rates(x)  # (k, m), zero except for drivers
     for row, driver in enumerate(mechanism.drivers, rows.joint_rows):
         effect = with_gamma(row, parts.gamma[:, row] - second[:, row])
         template = f"the second time derivative of what {driver.name} prescribes is left out"

@@ -1,4 +1,4 @@
-"""Engines with one known fault each, which the self-test runs and the diagnosis must name.
+"""Make engines with one known fault each; the self-test runs them, and the diagnosis must name the fault.
 
 Each faulty engine is one of the suite's formulations with its integrators. `planted.toml` lists the faults.
 """
@@ -29,7 +29,7 @@ RESET_AT = 0.23  # [s] time at which `reset` acts
 
 
 def same(item: Any, *_: Any) -> Any:
-    """Return the first argument unchanged: the default of each function of a fault that replaces nothing."""
+    """Return the first argument unchanged: the default of each function in a fault."""
     return item
 
 
@@ -43,7 +43,7 @@ class Fault:
         terms: (terms, model, t, q, v) -> terms that are solved for accelerations instead.
         solved: (solution, terms, model) -> solution that is used instead.
         stepped: (state, model, t) -> state with which the engine goes on after the step that ended at t.
-        times: (requested times, step) -> as many times, at which samples are taken instead.
+        times: (requested times, step) -> equally many times, at which samples are taken instead.
         read: (trajectory, mechanism) -> the trajectory that the engine returns.
         where: linkage and scenario in which the fault shows.
     """
@@ -67,7 +67,7 @@ class FaultyModel(InterpretedModel):
         true: the linkage without the fault.
         asked: requested times [s].
         recent: (J, gamma) at the beginnings of the last two steps; first: those at the start.
-        running: whether the run is under way; at other times the model is asked only for the accelerations that it reports.
+        running: whether the run is under way; otherwise the model computes the accelerations that the engine reports.
     """
 
     def __init__(self, fault: Fault, mechanism: Mechanism, choice: Choice):
@@ -133,7 +133,7 @@ class Faulty(Interpreted):
 
 
 def rows_of_last_pin(mechanism: Mechanism) -> list[int]:
-    """Return the indices of the constraint rows of the last pin in the file."""
+    """Return the indices of the constraint rows of the linkage's last pin."""
     ends = np.cumsum([len(joint.held) for joint in mechanism.joints])  # one row for each held coordinate
     last = max(k for k, joint in enumerate(mechanism.joints) if joint.ends_meet)
     return list(range(ends[last] - len(mechanism.joints[last].held), ends[last]))

@@ -1,11 +1,11 @@
-"""The suite's own motion of a linkage for many states at once: accelerations, flow, and the reference at any time.
+"""Compute the suite's own motion of a linkage for many states at once: accelerations, flow, and the reference at any time.
 
 In weighted coordinates b = M^(1/2) a, with the singular values of K = J M^(-1/2) = U S V^T above the tolerance (index 1),
 
     b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
 Each term can be replaced, to predict the effect of a fault. Redundant rows of loops that an engine leaves open by some micrometres
-contradict each other slightly, and RANK_TOLERANCE still counts them as redundant.
+contradict each other slightly; within RANK_TOLERANCE they still count as redundant.
 """
 
 from dataclasses import dataclass, replace
@@ -22,8 +22,8 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, States
 
 RANK_TOLERANCE = 1e-4  # relative to the largest singular value, as for the projection of states
-DEPENDENT = 1e-12  # the same for linkages without redundant rows
-SUBSTEP = 2.5e-3  # [s] of order 8: at 50 rad/s an eighth of a radian, which leaves about 1e-11
+DEPENDENT = 1e-12  # the tolerance for linkages without redundant rows
+SUBSTEP = 2.5e-3  # [s] for a method of order 8: an eighth of a radian at 50 rad/s, with an error of about 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +87,8 @@ class OwnMotion:
     def __init__(self, mechanism: Mechanism):
         self.mechanism, self.evaluator = mechanism, Evaluator(mechanism)
         self.absolute = AbsoluteCoordinates(mechanism)
-        # the singular values of redundant rows are as large as the gaps of loops, and must count as zero; without redundant rows,
-        # only rounding counts as zero
+        # singular values of redundant rows are as large as the gaps of loops, and must count as zero; without redundant rows, only
+        # rounding counts as zero
         self.tolerance = RANK_TOLERANCE if mechanism.redundant else DEPENDENT
 
     def parts(self, x: States) -> Parts:
@@ -160,7 +160,7 @@ class TrueMotion:
         return self.motion.flow(x, remaining) if remaining.any() else x
 
     def bar(self, t: Array) -> Array:
-        """Return the error bar (k,) [m, rad] of the reference's sample at or next after each time t (k,).
+        """Return the error bars (k,) [m, rad] of the reference's samples at the times t (k,), or of the next samples after them.
 
         The bar is at least the floor that the rounding of parameters causes.
         """

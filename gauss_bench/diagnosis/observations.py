@@ -1,6 +1,6 @@
-"""The runs of a diagnosis: one motion with steps h, h/2 and h/4, each sampled three times around every checkpoint.
+"""Make the runs of a diagnosis: one motion with steps h, h/2 and h/4, each sampled three times around every checkpoint.
 
-Checkpoints are the times at which errors are analysed, the same ones in all runs. The engine's step after a checkpoint is compared
+Checkpoints are the times at which errors are analysed, the same in all runs. The engine's step after a checkpoint is compared
 with the exact motion over this step, which begins at the engine's own state. The state one step before shows whether the engine
 used constraint data of the previous step. If an integrator chooses its own steps, the runs have different tolerances.
 """
@@ -54,7 +54,7 @@ class Burst:
 def checkpoints(step: float, until: float) -> Array:
     """Return the times (k,) [s] of at most COUNT evenly spaced checkpoints, each at least one step before the end of the run.
 
-    The times are multiples of the step, and of GRID if that leaves enough of them.
+    The times are multiples of the step, and also of GRID if enough times are.
 
     Raises:
         ChoiceError: the run has fewer than FEWEST steps.
@@ -62,7 +62,7 @@ def checkpoints(step: float, until: float) -> Array:
     steps = int(np.floor(until / step * (1 + 1e-12)))
     if steps < FEWEST:
         raise ChoiceError(f"a diagnosis needs {FEWEST} steps, and {until:g} s have {steps} of {step:g} s: take a smaller step")
-    # `to_grid` is the smallest number of steps that is a multiple of GRID; 1 if none up to 100 is
+    # `to_grid` is the smallest number of steps whose length is a multiple of GRID; 1 if this number exceeds 100
     to_grid = next((m for m in range(1, 101) if abs(m * step / GRID - round(m * step / GRID)) < 1e-9), 1)
     # the grid is not used where it would leave less than a quarter of COUNT checkpoints
     unit = to_grid if to_grid * COUNT <= 4 * steps and to_grid < steps else 1
@@ -71,7 +71,7 @@ def checkpoints(step: float, until: float) -> Array:
 
 
 def ladder(choice: Choice, adaptive: bool) -> list[Choice]:
-    """Return the requested setting, followed by the same setting with two smaller steps, or tolerances if `adaptive`."""
+    """Return the requested setting, followed by the same setting with two smaller steps, or with two tolerances if `adaptive`."""
     if adaptive:
         return [choice, *(replace(choice, tolerance=x) for x in REFINED)]
     return [replace(choice, step=choice.step / 2**k) for k in range(HALVINGS)]
@@ -84,7 +84,7 @@ def sample(step: float, at: Array) -> Sampling:
 
 
 def burst(choice: Choice, at: Array, trajectory: Trajectory) -> Burst:
-    """Return the burst of a run at those checkpoints `at` (k,) [s] that are followed by at least one more step."""
+    """Return the burst of a run at those checkpoints `at` (k,) [s] after which the run has at least one more step."""
     steps = np.round(trajectory.t / choice.step).astype(int)  # number of the step after which each sample was taken
     wanted = np.round(at / choice.step).astype(int)
     wanted = wanted[wanted + 1 <= steps[-1]]

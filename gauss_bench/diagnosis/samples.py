@@ -1,7 +1,7 @@
 """Detect wrong samples of a correct motion: taken at wrong times, of exchanged links, or after a restart.
 
-A fit of times or an order of links is reported if the true motion, changed by it, agrees with the reported samples to a small part
-of the error.
+A fit of times or an order of links is reported if the true motion with these times, or in this order, agrees with the reported
+samples except for a small share of the error.
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ from gauss_bench.trajectory import States
 LEFT = 0.2  # largest share of the error (median over the samples) that a map of time or a new order may leave
 ITERATIONS = 12  # largest number of iterations of a fit
 LOOKED_AT = 20  # number of samples to which a time map is fitted
-JUMP = 10.0  # smallest jump, relative to the displacement that the velocity allows in a step
+JUMP = 10.0  # smallest jump, relative to the median displacement and to the travel that velocities allow in a step
 SUSPICIOUS = 0.03  # [rad, m] displacement between two checkpoints that velocities and accelerations do not explain
 
 
@@ -46,13 +46,13 @@ def fit_time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap 
     """Fit the map true time = shift + rate * reported time to reported samples by Gauss-Newton steps.
 
     The error is the distance of a reported state from the true state, with velocities in units of positions. Return None if the fit
-    leaves more than the share LEFT of the error (median over the samples). The factor `rate` is 1 without `stretch`.
+    leaves more than the share LEFT of the error (median over the samples). Without `stretch`, `rate` is 1.
     """
     reference = truth.reference
     rms = [float(np.sqrt(np.mean(x * x))) for x in (reference.v, reference.a)]
     if not all(rms):
         return None
-    pace = rms[0] / rms[1]  # [s] time in which velocities change by their own size
+    pace = rms[0] / rms[1]  # [s] ratio of the root mean squares of velocities and accelerations
     shift, rate = 0.0, _first_rate(truth, reported, pace) if stretch else 1.0
     inside = reported.t * rate <= truth.until
     x = reported[inside][:: max(1, int(inside.sum()) // LOOKED_AT)]  # about LOOKED_AT samples, whose true times have a reference
@@ -65,19 +65,19 @@ def fit_time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap 
         mapped = truth.at(np.clip(shift + rate * x.t, -0.05 * truth.until, 1.05 * truth.until))
         error = state - _state(mapped, pace)
         left = float(np.median(np.linalg.norm(error, axis=1) / np.maximum(before, 1e-9 * before.max(initial=1e-300))))
-        if not left < 0.99 * best.left:  # the last step improved the fit by less than 1 %
+        if not left < 0.99 * best.left:  # the last iteration improved the fit by at most 1 %
             break
         best = TimeMap(shift, rate, left)
         slope = np.hstack([mapped.v, truth.motion.accelerations(mapped) * pace])  # derivative of the state by time
-        columns = [slope, slope * x.t[:, None]] if stretch else [slope]  # derivatives by shift and rate
+        columns = [slope, slope * x.t[:, None]] if stretch else [slope]  # with respect to shift and rate
         change = np.linalg.lstsq(np.array([c.ravel() for c in columns]).T, error.ravel(), rcond=None)[0]
-        steps = np.clip(change, -pace, pace).tolist()  # farther away the linearisation does not hold
+        steps = np.clip(change, -pace, pace).tolist()  # for larger changes the linearisation does not hold
         shift, rate = shift + steps[0], rate + sum(steps[1:])  # steps[1] exists only with `stretch`
     return best if best.left <= LEFT else None
 
 
 def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
-    """Estimate the ratio of true time to reported time, limited to 0.2 to 5, as a first guess for the fit.
+    """Estimate the ratio of true time to reported time, limited to the range from 0.2 to 5, as a first guess for the fit.
 
     The true time of a reported state is that of the nearest sample of the reference. `pace` [s] makes velocities comparable with
     positions.
@@ -92,8 +92,8 @@ def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
 def find_order(mechanism: Mechanism, truth: States, reported: States) -> tuple[str, float] | None:
     """Find a permutation of the reported links or joint coordinates that fits the true motion much better than the reported order.
 
-    Return the wrong order in words and the share of the error that the permutation leaves; None if every permutation leaves more
-    than LEFT. `truth` and `reported` are states at the same times.
+    Return the wrong order in words and the share of the error that the permutation leaves; None if no permutation leaves LEFT or
+    less. `truth` and `reported` are states at the same times.
     """
     from scipy.optimize import linear_sum_assignment  # its import takes longer than most diagnoses
 
@@ -103,7 +103,7 @@ def find_order(mechanism: Mechanism, truth: States, reported: States) -> tuple[s
         cost = np.array([[np.sqrt(np.mean((x - y) ** 2)) for y in true_columns] for x in reported_columns])
         _, assigned = linear_sum_assignment(cost)  # the true column of each reported one, with the least sum of costs
         as_reported, reordered = float(np.trace(cost)), float(cost[np.arange(len(cost)), assigned].sum())
-        wrong = [k for k, x in enumerate(assigned) if x != k]  # columns that hold the values of another one
+        wrong = [k for k, x in enumerate(assigned) if x != k]  # columns that hold the values of another column
         if wrong and reordered <= LEFT * as_reported and (best is None or reordered / as_reported < best[1]):
             listed = ", ".join(f"{names[k]} holds {names[assigned[k]]}" for k in wrong)
             best = f"{words} are in another order: {listed}", reordered / as_reported
@@ -123,7 +123,7 @@ def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[
     for words, values, true in (("links", reported.q, truth.q), ("velocities of links", reported.v, truth.v)):
         yield words, links(values), links(true), names
         yield f"angles in {words}", angles(values).T, angles(true).T, names
-    for shallow in (False, True):  # trees of long chains and trees of least depth have other joint coordinates
+    for shallow in (False, True):  # a tree of long chains and a tree of least depth have different joint coordinates
         tree = spanning_tree(mechanism, shallow)
         named = [""] * tree.n
         for b in tree.branches:
@@ -137,22 +137,22 @@ def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[
 def find_suspicious_interval(reported: States, a: Array) -> int | None:
     """Return the index of the checkpoint after which the state may have jumped, or None.
 
-    The state may have jumped if velocities and accelerations a (k, n) at two checkpoints leave more than SUSPICIOUS of the
-    displacement between them unexplained.
+    The state may have jumped if velocities and accelerations a (k, n) at two checkpoints leave more than SUSPICIOUS [m, rad] of the
+    displacement between these checkpoints unexplained.
     """
     h = np.diff(reported.t)[:, None]
     v, q = reported.v, reported.q
-    # displacement less its integral by the corrected trapezoidal rule (k - 1,)
+    # (k - 1,) displacement less the integral of the velocity by the corrected trapezoidal rule
     unexplained = np.abs(np.diff(q, axis=0) - h / 2 * (v[1:] + v[:-1]) + h**2 / 12 * np.diff(a, axis=0)).max(axis=1)
     k = int(unexplained.argmax()) if len(unexplained) else 0
     return k if len(unexplained) and unexplained[k] > SUSPICIOUS else None
 
 
 def find_jump(own: OwnMotion, dense: States) -> tuple[float, float, bool] | None:
-    """Return time [s] and size [m, rad] of a jump of the state, and whether it leads back to the start; None if there is none.
+    """Return time [s] and size [m, rad] of a jump of the state, and whether the jump leads to the start; None without a jump.
 
     `dense` has the start, and then samples at every step. Of the displacements in one step that the mean velocity does not explain,
-    the largest is a jump if it is far above the median, and also larger than SUSPICIOUS or far above what the velocities allow.
+    the largest is a jump if it is far above the median, and also above SUSPICIOUS or far above the travel that velocities allow.
     """
     x = dense[1:]  # samples at every step; dense[0] may lie long before them
     h = np.diff(x.t)[:, None]

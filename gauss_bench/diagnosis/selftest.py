@@ -28,7 +28,7 @@ from gauss_bench.runs.one_run import one_run
 from gauss_bench.trajectory import in_a_sentence
 
 Check = Callable[[], str | None]
-CONSTANTS = (int, float, str, tuple, dict)  # types of those constants of a module that an altered source may change
+CONSTANTS = (int, float, str, tuple, dict)  # types of the constants of a module that an altered source may change
 STEP, UNTIL = 4e-3, 0.4  # [s] step and end of the diagnosed runs, the cheapest with which all faults are named
 ADAPTERS = "adapters"  # kind under which the faults in ENGINES are listed, beside the kinds of `Planted`
 SOUND = (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT)  # possible verdicts on an engine without a fault, whose steps have errors
@@ -90,8 +90,8 @@ def plant(file: str, text: str, mutant: str) -> Iterator[None]:
 def read_fault(kind: str, sentence: str, check: str, where: tuple[str, str] = FOUR_BAR, **fault: Any) -> Planted:
     """Return the fault of the suite of one [[fault]] table of `planted.toml`, with the function `check` that must detect it.
 
-    With the key `file`, the other keys are the arguments of `plant` while the check runs. Otherwise they are arguments of the
-    check, by which it plants the fault itself on the linkage and scenario `where`.
+    With the key `file`, `fault` has the arguments of `plant`. Otherwise it has arguments with which the check itself plants the
+    fault on the linkage and scenario `where`.
     """
     sound: Any = getattr(checks, check)  # the check, run without the fault
     if "file" in fault:
@@ -218,8 +218,8 @@ def diagnose_sound(where: tuple[str, str]) -> str | None:
 def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _: None) -> SelfTest:
     """Plant every fault of the chosen kinds, and also run every check while no fault is planted.
 
-    Without a planted fault, a sentence that a check returns is a false alarm. With "models" among the kinds, the smallest fault
-    that is still detected is determined for some parameters.
+    Without a planted fault, a sentence that a check returns is a false alarm. With "models" among the kinds, the smallest detected
+    fault of each kind in SIZES is determined.
 
     Args:
         only: the kinds of faults to plant, a part of KINDS; by default all.

@@ -6,14 +6,14 @@ Three runs with steps h, h/2 and h/4 give the order p of the integration error, 
     p = log2 |x_1 - x_2| / |x_2 - x_3|,    x = x_3 + (x_3 - x_2) / (2^p - 1)
 
 The error of x does not depend on the step, and the integrator causes the rest of the error. The part of the error that violates the
-constraints is drift. The size of an error is the root mean square over the checkpoints of its largest entry at each [m, rad].
+constraints is drift. The size of an error is the root mean square, over the checkpoints, of its largest entry [m, rad].
 
 If an engine has a pin of link a displaced by d (2,) in the frame of that link, the gap of this pin by the file's dimensions is
 
     phi(t) = R(theta_a(t)) d + c
 
-whatever the step and the force. c (2,) is 0 if the engine closes its loops at the start, and -R(theta_a(0)) d if it keeps the error
-of closure that it has there. A displaced pin of the ground causes a constant gap, which is not detected.
+for any step and force. c (2,) is 0 if the engine closes its loops at the start, and -R(theta_a(0)) d if it keeps the gap that they
+have there. A displaced pin of the ground causes a constant gap, which is not detected.
 """
 
 from dataclasses import dataclass
@@ -29,15 +29,15 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
 REGIME = 0.1  # [m, rad] larger errors no longer add up linearly, and their ratio gives no order
-FEWEST = 5  # number of checkpoints that always count
+FEWEST = 5  # number of checkpoints that are always used, however large their errors are
 CONVERGES = 0.4  # order below which the runs do not converge
-STAYS = 0.75  # a gap is independent of the step if half the step leaves this share; an error of order 1 falls to a half
+STAYS = 0.75  # a gap is independent of the step if at least this share remains with half the step; an error of order 1 falls to 0.5
 HALF = 0.5  # least difference of two orders of convergence that is significant
 PERIODS = 3  # number of parts of a run; the first is "early", the last "late"
 FITS = 0.999  # share of the squared gaps that a displaced pin must explain
-SAME = 0.05  # relative difference of a pin's displacement between two runs
+SAME = 0.05  # largest relative difference of a pin's displacement between two runs
 TURNS = 1e-2  # [rad] least turn of a link that distinguishes a turning gap from a constant one
-GROWS = 3.0  # a gap grows if it is GROWS times larger late than early
+GROWS = 3.0  # a gap grows if its late value is above GROWS times its early value
 
 
 def size(x: Array) -> float:
@@ -53,7 +53,7 @@ class Steps:
         order: order of convergence; NaN if there are fewer than three runs, or if the integrator chooses its own steps.
         limit: (k, n) error extrapolated to step zero.
         by_step: (k, n) part of the first run's error that its step causes.
-        horizon: number k of checkpoints before the errors are too large to be split.
+        horizon: number k of checkpoints until the errors are too large to be split.
     """
 
     order: float
@@ -77,8 +77,8 @@ def horizon_of(errors: list[Array]) -> int:
 def by_steps(bursts: tuple[Burst, ...], true: States, adaptive: bool) -> Steps:
     """Split the errors of runs with halved steps into the limit at step zero and the error that the step causes.
 
-    `true` has the reference states at the checkpoints. With fewer than three runs, or if they do not converge, the last run is the
-    limit.
+    `true` has the reference states at the checkpoints. With fewer than three runs, with runs that do not converge, or if
+    `adaptive`, the last run is the limit.
     """
     k = min(len(b.at) for b in bursts)
     horizon = horizon_of([b.at.q[:k] - true.q[:k] for b in bursts])
@@ -88,7 +88,7 @@ def by_steps(bursts: tuple[Burst, ...], true: States, adaptive: bool) -> Steps:
         first_change, second_change = size(x[0] - x[1]), size(x[1] - x[2])
         if first_change > 0:
             order = float(np.log2(first_change / second_change)) if second_change > 0 else np.inf
-        if order > CONVERGES:  # an order beyond 12 is that of rounding
+        if order > CONVERGES:  # an order above 12 comes from rounding
             limit = limit + (x[2] - x[1]) / (2.0 ** min(order, 12.0) - 1.0)
     return Steps(order, limit - true.q[:horizon], x[0] - limit, horizon)
 
@@ -122,7 +122,7 @@ class Closure:
         return self.closure_late > GROWS * self.closure_early
 
     def falls_faster(self, order: float) -> bool:
-        """Tell whether the gap decreases with the step faster than the motion's error, by an order above `order` + HALF.
+        """Tell whether the gap falls faster with the step than the motion's error: by an order above `order` + HALF.
 
         Such a gap cannot cause the error.
         """
@@ -132,7 +132,7 @@ class Closure:
 
 
 def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Closure:
-    """Return how far loops and drivers are open in runs with halved steps, given position errors (k, n) of the first run."""
+    """Return the gaps of loops and drivers in runs with halved steps, given position errors (k, n) of the first run."""
     gaps = [np.abs(own.gaps(b.at)) for b in bursts]  # each (checkpoints, rows)
     largest = tuple(float(g.max(initial=0.0)) for g in gaps)  # of every run
     first_run = gaps[0].max(axis=1, initial=0.0)  # (checkpoints,) largest gap of the first run
@@ -142,7 +142,7 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
         share = size(at.q - own.project(at).q) / max(size(errors), 1e-300)
     worst = int(gaps[-1].max(axis=0).argmax()) if gaps[-1].shape[1] else 0  # the row with the largest gap
     names = [*own.mechanism.held_names, *(x.name for x in own.mechanism.drivers), ""]  # of the rows; "" if there are no rows
-    # correlation and ratio of gap and force, of the run with the smallest step
+    # correlation and ratio of gap and force in the run with the smallest step
     held, compliance = _compare_gap_with_force(own, bursts[-1], worst)
     return Closure(
         closure=largest,
@@ -173,12 +173,12 @@ def _compare_gap_with_force(own: OwnMotion, b: Burst, worst: int) -> tuple[float
 
 @dataclass(frozen=True, eq=False)
 class LocalErrors:
-    """Errors of an engine's accelerations and steps at its own states, on which earlier errors of the motion have no influence.
+    """Errors of an engine's accelerations and steps at its own states; they do not contain earlier errors of the motion.
 
     Attributes:
         reported: (k, n) error of the accelerations that the engine reports.
         implied: (k, n) error of the mean acceleration in a step, which is the change of velocities divided by the step.
-        euler: (k, n) error that this mean acceleration would have if the step were an explicit Euler step.
+        euler: (k, n) error that the mean acceleration would have if the step were a correct explicit Euler step.
         relative_reported, relative_implied: medians over the states, relative to the largest acceleration.
     """
 
@@ -211,7 +211,7 @@ def usable(own: OwnMotion, b: Burst, largest_gap: float) -> Array:
 
 @dataclass(frozen=True)
 class Misplaced:
-    """A displaced pin of a link: by `off` (2,) [m] in the frame of the link, which explains a share of all squared gaps."""
+    """A pin of a link that is displaced by `off` (2,) [m] in the frame of the link, and explains a `share` of all squared gaps."""
 
     joint: str
     link: str
@@ -226,7 +226,7 @@ class Misplaced:
 
 
 def find_displaced_pin(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
-    """Return the one pin whose displacement accounts for all gaps of the joints in two runs with different steps, or None.
+    """Return the pin whose displacement alone accounts for the gaps of all joints in two runs with different steps, or None.
 
     The displacement must be about the same in both runs, because a wrong dimension does not depend on the step.
     """
@@ -248,7 +248,7 @@ def _fit_pins(own: OwnMotion, x: States) -> Misplaced | None:
         if not joint.ends_meet or not squares:
             continue
         others = squares - float((gap**2).sum())  # squared gaps of other joints, which this pin does not explain
-        for point, sign in zip(joint.ends, (1.0, -1.0), strict=True):  # the gap is second end minus first
+        for point, sign in zip(joint.ends, (1.0, -1.0), strict=True):  # the gap is the second end minus the first
             if point.link != GROUND:
                 d, left = _fit_turning(gap, angle_at(x.q, point.link))
                 share = 1.0 - (left + others) / squares
@@ -260,10 +260,10 @@ def _fit_pins(own: OwnMotion, x: States) -> Misplaced | None:
 def _fit_turning(gap: Array, theta: Array) -> tuple[Array, float]:
     """Fit gap (k, 2) = R(theta) d + c at angles theta (k,) [rad]; return d (2,) [m] and the squared residual [m^2].
 
-    If the link turns by less than TURNS, the two vectors cannot be told apart; then d = 0 without a fit.
+    If the link turns by less than TURNS, d and c cannot be distinguished; then d = 0 without a fit.
     """
     cosine, sine, one, none = np.cos(theta), np.sin(theta), np.ones_like(theta), np.zeros_like(theta)
-    # (2 k, 4): first the rows of x, then those of y, with the unknowns d_x, d_y, c_x, c_y
+    # (2 k, 4): first the rows of x, then the rows of y; the unknowns are d_x, d_y, c_x, c_y
     A = np.concatenate([np.stack([cosine, -sine, one, none], axis=1), np.stack([sine, cosine, none, one], axis=1)])
     b = gap.T.ravel()
     if np.ptp(theta) < TURNS:

@@ -118,7 +118,7 @@ def distrust(answers: Answers) -> Answers:
 def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[Figure]:
     """Run the engine `name` of a release on a linkage with one setting, and yield the results.
 
-    They are the accelerations at states in motion and at rest, and on the linkage FIRST also those of `read_motion`. If a
+    They are the accelerations at states in motion and at rest, and on the linkage FIRST also the results of `read_motion`. If a
     computation failed, its figure has the status and the message of the run.
     """
     linkage, scenario, choice = case
@@ -221,7 +221,7 @@ def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
 def call_engine_function(worker: Worker, address: str, *arguments: object) -> Any:
     """Call the function at `address` (MODULE:FUNCTION) in a worker process; return its result, or the reason of a failure as text.
 
-    A text always is such a reason, because no function that is called here returns a text.
+    A text is always such a reason, because no function that is called here returns a text.
     """
     try:
         return worker.call(call_by_name, (address, *arguments), LIMIT)

@@ -1,16 +1,14 @@
-"""The computations that are made with every release of an engine's library, called questions.
-
-They are:
+"""Define the computations ("questions") that are made with every release of an engine's library.
 
     accelerations:  accelerations at states in motion and at rest, in every setting and variant
-    motion:         the motion over 1 s at steps of 1 ms, the gaps of loops at its end, and the number of steps if the integrator
+    motion:         the motion over 1 s with steps of 1 ms, the gaps of loops at its end, and the number of steps if the integrator
                     chooses them
     closures:       accelerations of small models that are built with the library's own functions, one model for each kind of loop
                     closure (`probes.py`)
     defaults:       the default values of the library's options
 
-Every computation is repeated from starts that differ by a relative 1e-14. The resulting change of the result is an estimate of the
-rounding error of the result.
+Accelerations and motions are computed again from starts that differ by a relative 1e-14. The resulting change is an estimate of the
+rounding error.
 """
 
 from functools import cache

@@ -89,8 +89,8 @@ class Change:
 def relative_difference(a: Array, b: Array) -> float:
     """Return the largest relative difference of two arrays (k, n); infinite if the shapes differ.
 
-    The difference in a row is divided by the largest entry of the row, or by SMALL times the largest entry of all rows if that is
-    more.
+    The difference in a row is divided by the largest entry of the row, or by SMALL times the largest entry of all rows if this is
+    larger.
     """
     if a.shape != b.shape:
         return float("inf")

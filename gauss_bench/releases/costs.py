@@ -1,9 +1,9 @@
 """Time the steps of all releases of an engine's library in interleaved blocks, each release in processes of its own environment.
 
 The time of a run of N steps is overhead + N * (time per step). Runs with two numbers of steps give the overhead and the time per
-step. Ratios have the time of the newest release as denominator. The newest release is timed twice in each comparison, in separate
-processes. The ratio of these two times should be 1. The noise is the distance from 1 to the farther end of the range in which this
-ratio is expected.
+step. Costs are ratios to the time of the newest release, and changes of cost are ratios to the time of the release before. The
+newest release is timed twice in each comparison, in separate processes. The ratio of these two times should be 1. The noise is the
+distance from 1 to the farther end of the range in which this ratio is expected.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +30,7 @@ PROCESSES, ROUNDS = 5, 10  # number of processes of each release that is timed, 
 SHORT, LONG = 40, 240  # number of steps of the two runs
 STEP_TIME, OVERHEAD = "a step", "the fixed overhead of a run"
 LEAST = 0.05  # smallest difference of a ratio from 1 that counts
-NULL = "newest, raced against itself"  # stands for the version of the newest release where it is timed a second time
+NULL = "newest, raced against itself"  # version under which the newest release is timed a second time
 NO_TIMES = np.array([np.nan])  # of a release that could not be timed
 
 Rows = list[dict[str, Any]]
@@ -39,8 +39,8 @@ Rows = list[dict[str, Any]]
 def race_releases(library: Library, releases: Sequence[Release], told: Callable[[str], None]) -> tuple[Rows, Rows]:
     """Time at least two releases, the oldest first; return their costs, and the changes of cost from one release to the next.
 
-    The costs are relative to the newest release. The changes are costs relative to the release before, for releases whose times
-    differ from that one's by more than the noise. `told` is called with a sentence when a race begins.
+    The costs are relative to the newest release. The changes are costs relative to the release before, where these differ from 1
+    by more than LEAST and the noise. `told` is called with a sentence when a race begins.
 
     Both are rows of `compare_times` with the additional columns `case`, `setting` and `work` (STEP_TIME or OVERHEAD).
     """
@@ -69,7 +69,7 @@ def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[s
         entrants: version -> name of its engine; the version NULL is the second timing of the newest release.
     """
     mechanism = mechanism_of(*linkage_of(linkage))
-    rounds: dict[tuple[str, int], list[Array]] = {}  # version and number of steps -> for each process, seconds of its rounds
+    rounds: dict[tuple[str, int], list[Array]] = {}  # version and number of steps -> for each process, times of its rounds [s]
     failed: dict[str, str] = {}
     for _ in range(PROCESSES):
         runners = Race()
@@ -84,7 +84,7 @@ def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[s
                     rounds.setdefault((version, count), []).append(measured.of((version, count)))
                 except Failure as failure:
                     failed[version] = str(failure)
-            keep(f"races in {interpreter_of(name).python}").stop()  # ends its process, and the next repetition starts a new one
+            keep(f"races in {interpreter_of(name).python}").stop()  # the next repetition starts a new process
     times = {}
     for version in entrants:
         if version not in failed:
@@ -94,7 +94,7 @@ def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[s
 
 
 def split_times(short: Array, long: Array) -> dict[str, Array]:
-    """Return the times STEP_TIME and OVERHEAD (processes,) [s], from those of runs with SHORT steps and with LONG steps."""
+    """Return the times STEP_TIME and OVERHEAD (processes,) [s], from the times of runs with SHORT and with LONG steps."""
     step = (long - short) / (LONG - SHORT)
     return {STEP_TIME: step, OVERHEAD: short - SHORT * step}
 
@@ -119,7 +119,7 @@ def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: M
 
 
 def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: str) -> Rows:
-    """Return the costs of releases whose time differs from that of the release before them by more than the noise.
+    """Return the costs of releases whose time differs from that of the timed release before by more than LEAST and the noise.
 
     The column `before` has the version of the release before. `versions` are in order, the newest last; `measured` maps a version,
     or `null` for the second timing of the newest, to times (processes,) [s].

@@ -1,4 +1,4 @@
-"""Python environments, one for each release of an engine's library.
+"""Make Python environments, one for each release of an engine's library.
 
 Each environment is a subfolder `ENGINE-VERSION` of the user's data folder, and stays there for later calls. pip first downloads the
 library's wheel. If `releases.toml` lists a hash for the file, the hash must agree; files without a listed hash are installed by

@@ -14,7 +14,7 @@ NUMBER = re.compile(r"\d+(\.\d+)*(\.post\d+)?")  # the number of a release, not 
 
 
 class ReleaseFault(BadInput, ValueError):
-    """Raised for a request to compare releases of an engine's library that cannot be compared."""
+    """Raised if the requested releases of an engine's library cannot be compared."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Library:
         package: name under which pip installs the library.
         releases: releases that are compared by default, the oldest first.
         raced: linkage, settings and integrator of every timed comparison.
-        besides: release -> requirements that its own metadata do not name.
+        besides: release -> requirements that the release's metadata do not name.
         sha256: name of a file -> hash of the file.
     """
 
@@ -86,9 +86,9 @@ def version_numbers(version: str) -> tuple[int, ...]:
 
 
 def choose_releases(library: Library, first: str | None, last: str | None, only: Sequence[str] | None) -> list[str]:
-    """Return the releases to compare, the oldest first: those in `only`, or those listed from `first` to `last`.
+    """Return the releases to compare, the oldest first: those in `only`, or `first`, `last` and the listed ones between them.
 
-    `first` and `last` need not be listed.
+    A missing `first` or `last` is the oldest or the newest listed release.
 
     Raises:
         ReleaseFault: there are fewer than two releases, or the arguments contradict each other.

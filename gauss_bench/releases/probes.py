@@ -1,4 +1,4 @@
-"""Probes: small models that are built with a library's own functions, and the states at which accelerations are computed.
+"""Give the states and true accelerations of probes, which are small models that are built with a library's own functions.
 
 Each probe has one kind of loop closure. The module `release_cases.py` in the engine's folder builds the small model, and returns
 accelerations (k, n) in absolute coordinates (x, y and angle of each body) at states (k, n) in these coordinates. The true
@@ -26,7 +26,7 @@ MODELS = {"wide_four_bar": FIRST} | {name: str(FOLDER / f"{name}.toml") for name
 
 @cache
 def states_of_probe(model: str) -> Samples:
-    """Return the states of a probe's model: a linkage of MODELS, or COUPLED, two bars in a chain whose angles are coupled."""
+    """Return the states of a probe's model: a linkage of MODELS, or COUPLED, a chain of two bars with coupled angles."""
     return coupled_states() if model == COUPLED else states_of(MODELS[model], "")
 
 
@@ -36,7 +36,7 @@ def coupled_states() -> Samples:
     rng = np.random.default_rng(5)
     lengths = 1.0, 0.5  # [m] from the first pin to the second, and from each bar's pin to its centre of mass
     q, v = np.zeros((2, 2 * STATES, 6))  # first the states in motion, then those at rest
-    angles, speeds = rng.uniform(-1.2, 1.2, STATES), rng.uniform(-SPEED, SPEED, STATES)  # of the first bar
+    angles, speeds = rng.uniform(-1.2, 1.2, STATES), rng.uniform(-SPEED, SPEED, STATES)  # of the first bar [rad, rad/s]
     for k in range(STATES):
         q[k], v[k] = place_bars(angles[k], speeds[k], *lengths)
         q[STATES + k], v[STATES + k] = place_bars(angles[k], 0.0, *lengths)

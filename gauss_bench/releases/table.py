@@ -55,7 +55,7 @@ def pick(record: Any, *names: str) -> dict[str, Any]:
 def release_row(engine: str, x: Answers, changes: Sequence[Change] | None) -> dict[str, Any]:
     """Return the row of a release in the table `releases`.
 
-    `changes` are its comparisons with the release before; None if there is none.
+    `changes` are the comparisons with the release before; None if there is no such release.
     """
     row = {"engine": engine} | pick(x, "version", "status", "message", "library", "python", "numpy", "how", "left_out")
     if changes is not None:

@@ -1,4 +1,4 @@
-"""Keep unsaved drawings in the user's cache folder, so that the end of a browser or server loses nothing.
+"""Keep unsaved drawings in the user's cache folder, so that nothing is lost when the browser or the server ends.
 
 Each file of unsaved work belongs to one process of the studio and one document. After the process has ended, the studio offers the
 unsaved work when a user opens the document again.
@@ -75,7 +75,7 @@ class Autosave:
     """The file in which this process keeps the unsaved work on one document.
 
     Attributes:
-        key: hash of the document's name. The name is the path of the document's file; for a new drawing it is any text.
+        key: hash of the document's name: the path of its file, or for a new drawing a path in the working folder.
         file: path of the file in the cache folder, KEY.PROCESS.json.
     """
 
@@ -93,11 +93,11 @@ class Autosave:
             write_text(self.file, json.dumps(content | {"process": os.getpid(), "since": start_of(os.getpid())}))
 
     def find_unsaved(self) -> Unsaved | None:
-        """Return the newest unsaved work on this document of a process that has ended, or None; ignore damaged files."""
+        """Return the newest unsaved work on this document that an ended process has kept, or None; ignore damaged files."""
         unsaved = []
         with suppress(OSError):
             for path in cache_folder().glob(f"{self.key}.*.json"):
-                with suppress(OSError, ValueError, KeyError, TypeError):  # a damaged file, or one that vanishes, hides no other
+                with suppress(OSError, ValueError, KeyError, TypeError):  # a damaged or deleted file does not stop the search
                     if path == self.file or path.is_symlink() or not path.is_file() or path.stat().st_size > LARGEST:
                         continue
                     content = json.loads(path.read_text(encoding="utf-8"))
@@ -136,7 +136,7 @@ def forget(file: Path) -> None:
 def temporary_file(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
     """Yield the path of a temporary file with a text, for functions that read files; the file is deleted afterwards.
 
-    The file is called `name`, or "drawing" if that is no text of letters, digits and underscores.
+    The file is called `name`, or "drawing" if `name` is not a text of at most 60 letters, digits and underscores.
 
     Raises:
         OSError: no file can be written, neither in the cache folder nor in the system's temporary folder.
@@ -166,7 +166,7 @@ def remove_orphans() -> None:
 def start_of(process: int) -> str:
     """Return the start time of a process [clock ticks] as text; "" if it has ended. Without /proc, return "alive" while it runs."""
     with suppress(OSError, IndexError):
-        # the fields after the name, which stands in brackets and may contain spaces: state first, start time as the 20th
+        # after the name in brackets, which may contain spaces, the first field is the state and the 20th the start time
         fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
         return "" if fields[0] in "ZX" else fields[19]  # Z: a zombie, which has ended; X: dead
     if Path("/proc/self/stat").exists():

@@ -22,7 +22,7 @@ from gauss_bench.untrusted import parse_toml
 
 Document = dict[str, Any]
 
-# the order of tables in a text that is written anew; GROUPS[:5] are those up to "constraints"
+# the order of tables in a text that is written anew; GROUPS[:5] ends with "constraints"
 ORDER = ("ground", *GROUPS[:5], "assembly", "observe", "measure", *GROUPS[5:])
 # the text of a new drawing
 EMPTY = f"""\
@@ -71,7 +71,7 @@ def write_document(text: str, document: Document) -> str:
 
 
 def _change(parsed: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: tuple[str, ...]) -> None:
-    """Change a table of tomlkit, to which the keys `path` lead, from the content `old` to the content `new`."""
+    """Change the table of tomlkit at the keys `path` from the content `old` to the content `new`."""
     removed, added = [k for k in old if k not in new], [k for k in new if k not in old]
     if len(removed) == len(added) == 1:
         old_key, new_key = removed[0], added[0]
@@ -100,8 +100,8 @@ def _rank(key: str) -> int:
 
 
 def _rename(parsed: Any, old: str, new: str) -> None:
-    """Rename an entry of a table of tomlkit without a change of positions and comments."""
-    # tomlkit can only append: remove all entries and append them again in their order
+    """Rename an entry of a table of tomlkit; all entries keep their positions and comments."""
+    # tomlkit adds entries at the end: remove all entries and append them again in their order
     items = {key: parsed.item(key) if hasattr(parsed, "item") else parsed[key] for key in parsed}
     for key in items:
         parsed.remove(key)

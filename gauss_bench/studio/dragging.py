@@ -26,7 +26,7 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
     mechanism = closed_mechanism(reading, "dragged")
     d = Drawing(reading.document, reading)
     id = str(message.get("point") or message.get("pin"))
-    pin = d.pins.get(id) or Pin(id, 0j, (id,))  # a point of a link that is no pin has its reference as id
+    pin = d.pins.get(id) or Pin(id, 0j, (id,))  # not a pin: the id is the reference of a point
     where = (f"pins.{id}",)
     if pin.is_grounded:
         raise Refused(f"pin {id} is fixed to the ground: moving it changes the linkage, it does not drag it", where)
@@ -38,7 +38,7 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
         if group in locked and ":" not in lock:  # the lock of a length has a colon, and no drag changes lengths
             locked[group].append(name)
     locked_pins = [d.pins[x] for x in locked["pins"] if x in d.pins and d.pins[x].members]
-    points = [x.members[0] for x in locked_pins if owner(x.members[0]) != "ground"]  # one point holds all points of its pin
+    points = [x.members[0] for x in locked_pins if owner(x.members[0]) != "ground"]  # locking one point locks its pin
     joints = {x.joint for x in mechanism.pins}.intersection(locked["joints"])
     try:
         parts = Locks(tuple(locked["links"]), tuple(points), tuple(locked["slides"]), tuple(sorted(joints)))
@@ -51,9 +51,9 @@ def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, An
     """Drag the linkage towards the pointer, and return the reply to the page.
 
     The reply has the `poses` of the links, whether the dragged pin has `reached` the pointer, their distance `apart` [m], the
-    processor time `ms` [ms], and a `note`. The note is given only at a limit of the motion, where the pin can move in fewer
-    directions than at the beginning of the drag. There is no note if the pointer is away from the circle of a crank's pin, because
-    the pin can still move along the circle.
+    processor time `ms` [ms], and a `note`. The note is None except at a limit of the motion, where the pin can move in fewer
+    directions than at the beginning of the drag. A pointer away from the circle of a crank's pin causes no note, because the pin
+    can still move along the circle.
     """
     target, began = place(message.get("at")), time.thread_time()
     moved = drag.to(np.array([target.real, target.imag]), STEPS)
@@ -63,7 +63,7 @@ def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, An
 
 
 def closed_mechanism(reading: Reading, word: str) -> Mechanism:
-    """Return the mechanism of a drawing; refuse a drawing that does not assemble, and `word` completes "cannot be ..."."""
+    """Return the mechanism of a drawing, or refuse a drawing that does not assemble; `word` completes "cannot be ..."."""
     if reading.mechanism is None:
         raise Refused(f"nothing is drawn yet that could be {word}")
     if not reading.closed:
@@ -74,12 +74,12 @@ def closed_mechanism(reading: Reading, word: str) -> Mechanism:
 def find_input_links(reading: Reading) -> list[str]:
     """Return the names of the input links: those that the first scenario with driven links drives.
 
-    Without such a scenario it is the crank, and without a crank the first link that is pinned to the ground, if there is one.
+    Without such a scenario, the crank is the input link, and without a crank, the first link that is pinned to the ground, if any.
     """
     document = reading.document
 
     def exists(name: Any) -> bool:
-        """Tell whether the drawing has a link of that name; a file with faults may drive what does not exist."""
+        """Tell whether the drawing has a link of that name; a faulty file may drive a missing link."""
         return isinstance(name, str) and name in document.get("links", {})
 
     for scenario in document.get("scenarios", {}).values():
@@ -92,7 +92,7 @@ def find_input_links(reading: Reading) -> list[str]:
 
 
 def find_branches(reading: Reading) -> list[Array]:
-    """Return the positions, each (n,), of all assemblies with the present angles of the input links, the drawn one first."""
+    """Return the positions, each (n,), of all assemblies with the present angles of the input links, first the drawn assembly."""
     mechanism = closed_mechanism(reading, "assembled in another way")
     drivers = []  # each holds an input link at its present angle
     for name in find_input_links(reading):

@@ -1,7 +1,7 @@
 """Simulate a drawing that is released from rest, or search for the cheapest engine setting that reaches an accuracy.
 
-The studio first writes a scenario "released" into the file, which has no drivers and starts at rest where the linkage is drawn. One
-or more engines then simulate this scenario.
+A copy of the file gets a scenario "released", which has no drivers and starts at rest where the linkage is drawn. One or more
+engines then simulate this scenario.
 """
 
 from importlib.util import find_spec
@@ -15,12 +15,12 @@ from gauss_bench.studio.edits.scenarios import FREE, RELEASED, make_start
 from gauss_bench.studio.messages import Message, Refused, number
 from gauss_bench.studio.session import Session
 
-LONGEST, LIMIT, STEP = 60.0, 120.0, 1e-3  # [s] longest motion, longest time in which it is computed, step size
+LONGEST, LIMIT, STEP = 60.0, 120.0, 1e-3  # [s] longest motion, time limit of a simulation, step size
 BUDGET, MOST_BUDGET = 30.0, 600.0  # [s] default and longest duration of a search
 
 
 def list_engines() -> list[dict[str, Any]]:
-    """Return name, whether it can be used on this machine, and the reason if it cannot, for every engine of this package."""
+    """Return for every engine of this package its name, whether it is usable on this machine, and the reason if it is not."""
     offered = offers([x for x in all_names() if x in SAFE])
     return [{"name": x.name, "here": x.usable, "reason": x.reason} for x in offered]
 
@@ -33,7 +33,7 @@ def write_released(session: Session, message: Message) -> tuple[str, float]:
     closed_mechanism(session.reading, "let go")  # raises if the drawing does not assemble
     document = session.document
     scenarios = document.setdefault("scenarios", {})
-    present = scenarios.get(RELEASED, {"forces": [*document.get("forces", {})]})  # if the file has none, all forces act
+    present = scenarios.get(RELEASED, {"forces": [*document.get("forces", {})]})  # without the scenario in the file, all forces act
     until = number(message, "until", float(present.get("duration") or FREE))
     if not 0 < until <= LONGEST:
         raise Refused(f"until must be above 0 and at most {LONGEST:g} s", field="until")

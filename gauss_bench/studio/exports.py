@@ -24,13 +24,13 @@ from gauss_bench.studio.motion import move
 from gauss_bench.studio.reading import Reading, positions_of_links
 from gauss_bench.trajectory import Caption, History
 
-# comment in an exported program, in place of the error of its motion
+# comment in an exported program, where `gauss-bench export` writes the measured error
 NOT_MEASURED = "Error: not measured here; `gauss-bench export` of the saved linkage measures it."
 FORMS = ("toml", "svg", "csv", "gif", *KINDS)
 
 
 def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, Any]:
-    """Return the reply with a file of the kind (one of FORMS) in a message: its `name`, and its `text` or its bytes in `base64`."""
+    """Return the reply with a file of the `kind` (one of FORMS) in a message: `name`, and `text` or `base64` of its bytes."""
     kind, name = message.get("kind"), str(reading.document.get("name", "drawing"))
     match kind:
         case "toml":
@@ -54,7 +54,7 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
 
 
 def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str, Any]:
-    """Return the reply that has the drawing as a model for another program: the name and the text of a file.
+    """Return the reply with the drawing as a model for another program: the name and the text of a file.
 
     The model has the first scenario without drivers, or the first scenario if all have drivers.
     """

@@ -94,7 +94,7 @@ def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> 
     """Write the text to a file in one atomic step.
 
     Args:
-        replace: whether to overwrite the file in any case.
+        replace: whether to overwrite another file, or a file that another program has changed.
         own: file of the open document, which is overwritten without `replace` if its content is still `known`; or None.
         known: content of `own` when it was read or written last.
     """
@@ -105,7 +105,7 @@ def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> 
         raise Refused(f"{path.name}: its folder does not exist, or it is a folder itself", field="path")
     if path.exists() and path != own and not replace:
         raise Refused(f"{path.name} exists already", field="replace")
-    if path.exists() and not path.stat().st_mode & 0o222:  # nobody has the permission to write it
+    if path.exists() and not path.stat().st_mode & 0o222:  # nobody may write the file
         raise Refused(f"{path.name} may only be read: choose another name", field="path")
     if path == own and not replace and has_changed(path, known):
         raise Refused(f"{path.name} has been changed by another program since it was opened", field="replace")
@@ -140,7 +140,7 @@ def import_file(text: str) -> tuple[str, list[str]]:
 
 
 def pack_fragment(text: str) -> str:
-    """Return a text in compressed form, in characters that a URL may contain."""
+    """Compress a text, and return it in characters that a URL may contain."""
     packed = zlib.compress(text.encode("utf-8"), 9)
     return base64.urlsafe_b64encode(packed).decode("ascii").rstrip("=")
 

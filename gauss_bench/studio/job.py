@@ -1,7 +1,7 @@
-"""The process of a long job, which sends its results to the studio as lines of JSON on standard output.
+"""Run a long job in its own process, and send results to the studio as lines of JSON on standard output.
 
-The request arrives as a line of JSON on standard input. The studio keeps this input stream open as long as the studio runs. When
-the input stream is closed, this process kills itself and all processes that it has started.
+The request arrives as a line of JSON on standard input, which the studio keeps open as long as it runs. When standard input is
+closed, this process kills itself and all processes that it has started.
 """
 
 import contextlib
@@ -17,12 +17,12 @@ import numpy as np
 
 Send = Callable[[dict[str, Any]], None]  # sends an event to the studio
 
-FRAMES = 60  # poses of a motion per second that are sent
+FRAMES = 60  # number of poses that are sent for a second of motion
 MOST = 3000  # largest number of poses of a motion that are sent
 
 
 def release(request: Mapping[str, Any], send: Send) -> None:
-    """Simulate the scenario "released" of a file in one engine after the other.
+    """Simulate a scenario of a file in one engine after the other.
 
     Send an event "release" with the poses for each engine, and an event "compared" for each motion after the first.
     """
@@ -68,14 +68,14 @@ def choose_frames(t: Any) -> Any:
 
 
 def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other_q: Any) -> dict[str, Any]:
-    """Return the largest distance [m] between the same links in two motions, over time, with its maximum and the link there.
+    """Return the largest distance [m] of a link's centre of mass between two motions, over time; also its maximum with the link.
 
     Args:
         t, q: times (k,) and positions (k, n) of the links in the first motion.
         whole: the mechanism in which every link of the file is a body of its own.
         other_t, other_q: times (j,) and positions (j, n) of the links in the second motion.
     """
-    times = t[t <= other_t[-1] + 1e-12]  # those of the first motion until the second ends
+    times = t[t <= other_t[-1] + 1e-12]  # of the first motion, until the second motion ends
     rows = np.clip(np.searchsorted(other_t, times - 1e-9), 0, len(other_t) - 1)  # samples of the second motion at these times
     gaps = (q[: len(times)] - other_q[rows]).reshape(len(times), -1, 3)[..., :2]  # (times, links, x and y)
     distances = np.hypot(gaps[..., 0], gaps[..., 1])  # (times, links) [m]
@@ -100,7 +100,7 @@ def recommend(request: Mapping[str, Any], send: Send) -> None:
     from gauss_bench.api.recommend import setting_of
 
     def as_shown(x: Answer) -> dict[str, Any]:
-        """Return the answer for one engine as the page shows it: with the setting in words, and with the first of its errors."""
+        """Return the answer for one engine as the page shows it: with the setting in words, and with the answer's first error."""
         setting = setting_of(x) if x.step is not None or x.tolerance is not None else ""
         return asdict(x) | {"setting": setting, "error": next(iter(x.errors.values()), None)}
 
@@ -141,7 +141,7 @@ def main() -> None:
     from gauss_bench.api.telling import plain
 
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what libraries print goes to standard error, so that it does not disturb the lines of JSON
+    os.dup2(2, 1)  # libraries then print to standard error, and do not disturb the lines of JSON
 
     def send(event: dict[str, Any]) -> None:
         """Write an event as a line of JSON."""

@@ -30,14 +30,14 @@ class Jobs:
     """
 
     def __init__(self, tell: Callable[[dict[str, Any]], object]):
-        """Begin without jobs; `tell` is a function that sends an event to all pages."""
+        """Begin without jobs."""
         self.tell = tell
         self.running: dict[int, subprocess.Popen[bytes]] = {}
         self.followers: dict[int, threading.Thread] = {}
         self.count, self.lock = 0, threading.Lock()
 
     def start(self, text: str, request: dict[str, Any], done: str) -> int:
-        """Start the job `request`, as `job.py` reads it, on a linkage file; return its number. Its last event is `done`."""
+        """Start a job with the request that `job.py` reads, on a linkage file; return its number. `done` names its last event."""
         with self.lock:
             if len(self.running) >= MOST:
                 raise Refused(f"{MOST} jobs are running already: stop one, or wait")
@@ -53,7 +53,7 @@ class Jobs:
         return job
 
     def _follow(self, job: int, text: str, request: dict[str, Any], done: str) -> None:
-        """Send the events of a job as they arrive, then the event `done` with comparisons, or with the reason why it failed."""
+        """Send the events of a job as they arrive, then the event `done` with comparisons, or with the reason of the failure."""
         process = self.running[job]
         # the event after the job has ended; its error stays unless an event of the job changes or removes it
         last: dict[str, Any] = {"event": done, "job": job, "error": "it was stopped"}
@@ -88,12 +88,12 @@ class Jobs:
         self.tell(last)
 
     def stop(self, job: int) -> None:
-        """Kill a job and all processes that it has started; do nothing if it has ended."""
+        """Kill a job and all processes that it has started; do nothing if the job has ended."""
         with contextlib.suppress(KeyError, ProcessLookupError, PermissionError):
             os.killpg(self.running[job].pid, signal.SIGKILL)
 
     def stop_all(self) -> None:
-        """Kill all jobs and wait until they have ended."""
+        """Kill all jobs, and wait at most GRACE for the end of each."""
         followers = [*self.followers.values()]
         for job in [*self.running]:
             self.stop(job)

@@ -1,4 +1,4 @@
-"""Read and check the values of a message that a page sends; `Refused` is the error by which the studio refuses a request."""
+"""Read and check the values of a message that a page sends; the error `Refused` refuses a request."""
 
 import math
 import sys
@@ -12,7 +12,7 @@ FARTHEST = 1e5  # [m] largest coordinate of a place
 
 
 class Refused(ValueError):
-    """The refusal of a request: any function that reads a message or a drawing may raise it, and its text is shown to the user.
+    """The error with which a function that reads a message or a drawing refuses the request; its text is shown to the user.
 
     Attributes:
         where: ids of the parts of the drawing that the refusal concerns: `links.NAME`, `pins.ID`, `slides.NAME`, `forces.NAME`.
@@ -25,7 +25,7 @@ class Refused(ValueError):
 
 
 def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
-    """Return the value of type `kind` at a key of a message. A missing key gives `otherwise`, and is refused if that is None."""
+    """Return the value of type `kind` at a key of a message. A missing key gives `otherwise`, or is refused without `otherwise`."""
     value = message.get(key, otherwise)
     if value is None and otherwise is None:
         raise Refused(f"{key} is missing", field=key)
@@ -35,7 +35,7 @@ def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> A
 
 
 def number(message: Message, key: str, otherwise: float | None = None) -> float:
-    """Return the finite number at a key of a message. A missing key gives `otherwise`, and is refused if that is None."""
+    """Return the finite number at a key of a message. A missing key gives `otherwise`, or is refused without `otherwise`."""
     x = message.get(key, otherwise)
     if not isinstance(x, (int, float)) or isinstance(x, bool) or not math.isfinite(x):
         raise Refused(f"{key} must be a finite number", field=key)
@@ -51,7 +51,7 @@ def place(x: Any, field: str = "at") -> complex:
 
 
 def check_message(message: Message) -> None:
-    """Check that numbers of a message fit into a double, that texts can be written, and that it is not nested too deep."""
+    """Refuse a message with a number beyond a double, a text that no file can store, or more than DEEPEST levels of nesting."""
     level: list[Any] = [message]  # all values at one level of nesting
     for _ in range(DEEPEST):
         inner: list[Any] = []

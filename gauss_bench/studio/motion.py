@@ -31,7 +31,8 @@ SAMPLES, MOST = 120, 2000  # default and largest number of intervals of a motion
 def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
     """Return the mechanism with the drivers of a scenario.
 
-    None takes the first driven scenario; if there is none, the first coordinate that can be driven moves at its default law.
+    If `scenario` is None, the first driven scenario is taken; without one, the first coordinate that can be driven moves by its
+    default law.
 
     Raises:
         Refused: no coordinate can be driven, or the drivers leave a coordinate free.
@@ -55,7 +56,7 @@ def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
 
 
 def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Trajectory, str | None]:
-    """Return the mechanism, its motion over the scenario's duration, and the reason if the motion stops earlier, else None.
+    """Return the mechanism, its motion over the scenario's duration, and the reason why the motion stops earlier, or None.
 
     Raises:
         Refused, LinkageError, ChoiceError: the drawing cannot be moved.
@@ -71,7 +72,7 @@ def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Traj
 def describe_motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
     """Return the driven mechanism, and the reply that describes its motion.
 
-    The reply has no singular positions, because finding them takes long: an event brings them later.
+    The reply has no singular positions, because finding them takes long; they follow in an event.
 
     Raises:
         Refused, LinkageError, ChoiceError: the drawing cannot be moved.
@@ -105,7 +106,7 @@ def pose_motion(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
 def describe_forces(mechanism: Mechanism, trajectory: Trajectory) -> dict[str, Any]:
     """Return the part of the reply with the force or torque of the first driver, and forces and moments in pins and slides.
 
-    They are None and empty if the trajectory has no samples or the forces cannot be computed.
+    `torque` is None and `pins` is empty if the trajectory has no samples or the forces cannot be computed.
     """
     unknown: dict[str, Any] = {"torque": None, "pins": []}
     if not len(trajectory.t):
@@ -135,7 +136,7 @@ def describe_ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
 
 @np.errstate(all="ignore")  # `answer` sets this for its own thread only, and the search runs in another thread
 def find_singular(mechanism: Mechanism, ended: Event) -> tuple[list[dict[str, Any]], str]:
-    """Return limits of motion and dead centres with their poses, and the reason if they cannot be listed, else "".
+    """Return limits of motion and dead centres with their poses, and the reason why they cannot be listed, or "".
 
     Another thread sets `ended` to end the search.
     """
@@ -154,7 +155,7 @@ def instant_centres(reading: Reading, pose_of: Any) -> list[dict[str, Any]]:
         pose_of: the poses {link: [x, y, theta]} that the page sent; None for the poses in which the links are drawn.
 
     Raises:
-        Refused: nothing is drawn, a link has no valid pose, or the linkage has no free motion there, or more than one.
+        Refused: nothing is drawn, a link has no valid pose, or the linkage does not have one degree of freedom there.
     """
     mechanism = reading.mechanism
     if mechanism is None:
@@ -183,7 +184,7 @@ def centres_along(reading: Reading, poses_of: Any) -> list[dict[str, Any]]:
         except Refused:
             if not any(at_poses) and k == len(lists[0]) - 1:  # no pose had centres: refuse, with the reason of the last pose
                 raise
-            at_poses.append([])  # a fork of the motion has several free motions, and no centres
+            at_poses.append([])  # at a fork the linkage has more degrees of freedom, and no centres
     pairs = [x["links"] for x in next(filter(None, at_poses))]
     return [{"links": links, "at": [x[i]["at"] if x else None for x in at_poses]} for i, links in enumerate(pairs)]
 
@@ -191,7 +192,7 @@ def centres_along(reading: Reading, poses_of: Any) -> list[dict[str, Any]]:
 def read_positions(reading: Reading, pose_of: Any) -> Array:
     """Return the positions q (n,) that belong to poses {link: [x, y, theta]} from the page; refuse poses that lack a link.
 
-    A pose has the origin of a link's frame, q its centre of mass.
+    A pose has the origin of a link's frame, while q has the link's centre of mass.
     """
     mechanism, q = reading.mechanism, list[float]()
     for link in mechanism.links if mechanism else ():

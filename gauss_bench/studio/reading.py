@@ -32,7 +32,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory, in_a_sentence
 
 ROUNDS = 200  # largest number of rounds in which faulty parts are removed
-MASS, INERTIA = 1.0, 1e-3  # [kg], [kg m^2] of a link whose table gives none, so that it can be shown
+MASS, INERTIA = 1.0, 1e-3  # [kg], [kg m^2] of a link whose table gives none, so that the link can be shown
 STILL = {"drawn": {"duration": 1.0}}  # a scenario without drivers, forces or prescribed coordinates
 LEFT_OUT = ("expect", "measure", "observe", "crank")  # keys that place no link
 TRIED = 6  # largest number of scenarios that are assembled, because each takes time
@@ -87,7 +87,7 @@ class Reading:
 
     @cached_property
     def rank(self) -> int:
-        """The number of independent constraints of the joints, near the drawn position but not at a singular one; 0 if unknown."""
+        """The number of independent constraints of the joints at a regular position near the drawn one; 0 if unknown."""
         if self.mechanism is None:
             return 0
         with suppress(np.linalg.LinAlgError, ValueError):
@@ -120,7 +120,7 @@ def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:
 def read(document: Document, starts: bool = True) -> Reading:
     """Read a document, which may be faulty.
 
-    With `starts`, also test whether each scenario can be assembled at its start, which takes most of the time.
+    With `starts`, also test whether the scenarios can be assembled at their starts, which takes most of the time.
     """
     problems: list[Problem] = []
 
@@ -198,14 +198,14 @@ def is_place(x: Any) -> bool:
 
 
 def faults_of(document: Document) -> list[Fault]:
-    """Return the faults of a document, except pins that join nothing, and missing links or scenarios: these are only unfinished."""
+    """Return the faults of a document; pins that join nothing, and missing links or scenarios, are unfinished and no faults."""
     unfinished = {f"assembly.sketch.{name}" for name in lone_pins(document)}
     unfinished |= {group for group in ("links", "scenarios") if not table(document, group)}
     return [x for x in document_faults(document) if x.path not in unfinished]
 
 
 def new_faults(before: Document, after: Document) -> list[Fault]:
-    """Return the faults that a document has after an edit and did not have before it."""
+    """Return the faults of the document `after` an edit that the document `before` the edit did not have."""
     known = {(x.path, x.text) for x in document_faults(before)}
     return [x for x in faults_of(after) if (x.path, x.text) not in known]
 
@@ -235,7 +235,7 @@ def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
 
 
 def leave_out(document: Document, fault: Fault) -> None:
-    """Remove the part of a document that a fault names; a missing mass or inertia, a faulty format or name gets a default."""
+    """Remove the part of a document that a fault names; give a missing mass or inertia, or a faulty format or name, a default."""
     keys = split_path(fault.path)
     match keys:
         case ["links", str(name), "mass" | "inertia" as lacking] if isinstance(table(document, "links").get(name), dict):
@@ -266,7 +266,7 @@ def leave_out(document: Document, fault: Fault) -> None:
 def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
     """Return the positions q (n,) of the links in the sketch, and the names of the links that the sketch does not place.
 
-    A link of the second kind gets the angle 0. Its position follows from one of its points in the sketch; without such a point its
+    A link that is not placed gets the angle 0. Its position follows from one of its points in the sketch; without such a point its
     frame lies at the origin.
     """
     unplaced: list[str] = []
@@ -284,7 +284,7 @@ def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple
                 if name not in assembly.get("angles_deg", {}):
                     angles[name] = 0.0
                 continue
-            # angles alone do not place these links: put a point of the first link at the place that it has in the link's frame
+            # angles alone do not place these links: put a point of the first link at its coordinates in the link's frame
             body = mechanism.find_body(error.links[0])[0]
             point = next(iter(mechanism.links[body].points))
             reference = f"{error.links[0]}.{point}" if "." not in point else point
@@ -293,7 +293,7 @@ def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple
 
 
 def _describe_gap(mechanism: Mechanism, q: Array) -> Problem:
-    """Return the problem that describes why a drawing does not assemble at q (n,): its open loop, or else the pin that is open."""
+    """Return the problem that describes why a drawing does not assemble at q (n,): its open loop, or else its widest open pin."""
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
         loop = find_open_loop(replace(mechanism, q0=q, v0=0 * q))
         if loop is not None:

@@ -32,13 +32,13 @@ APART = ("drawing", "motion", "centres", "stop", "import", "export", "view")
 
 
 def list_folder(session: Session, message: Message) -> Reply:
-    """Return the names of the folder's linkage files, and of those with unsaved changes that have been kept."""
+    """Return the names of the folder's linkage files, and of those files whose unsaved changes can be recovered."""
     names = files.list_files(session.folder)
     return {"files": names, "kept": [name for name in names if Autosave(str(session.folder / name)).find_unsaved()]}
 
 
 def find_recoverable(session: Session) -> dict[str, str] | None:
-    """Return {"text": ...} with the unsaved text of this document that a process kept before it ended; None if there is none."""
+    """Return {"text": ...} with the unsaved text of this document that an ended process has kept; None if there is none."""
     unsaved = session.autosave.find_unsaved()
     return None if unsaved is None else {"text": unsaved.text}
 
@@ -100,7 +100,7 @@ def import_model(session: Session, message: Message) -> Reply:
 
 
 def recover(session: Session, message: Message) -> None:
-    """Restore the unsaved changes of this document that a process kept before it ended; with `take` false, discard them."""
+    """Restore the unsaved changes of this document that an ended process has kept; with `take` false, discard them."""
     unsaved = session.autosave.find_unsaved()
     if unsaved is not None:
         if message.get("take", True):
@@ -112,8 +112,8 @@ def recover(session: Session, message: Message) -> None:
 def make_edit(session: Session, message: Message) -> Reply:
     """Make an edit.
 
-    With `trial`, the move of a pin is only tried: the reply has the scene as it would be, and the drawing does not change. With
-    `continues`, this edit and the one before become one step of the history.
+    With `trial`, the reply has the scene after the move of a pin, and the drawing does not change. With `continues`, this edit and
+    the previous one become one step of the history.
     """
     if message.get("do") == "move" and message.get("trial"):
         return {"trial": session.scene() | scene(steps.try_move(session, message), session.locks)}
@@ -143,14 +143,14 @@ def drag_end(session: Session, message: Message) -> None:
 
 
 def behind(session: Session, message: Message) -> Reply:
-    """Return id and data URL of the picture behind the grid, or None for both; a scene has only the id."""
+    """Return id and data URL of the picture behind the grid, or None for both; a scene does not have the URL."""
     picture = session.picture
     return {"picture": picture and picture.id, "url": picture and picture.url}
 
 
 def branches(session: Session, message: Message) -> Reply:
     """Return name and poses of all assemblies with the present angles of the input links."""
-    numbered = enumerate(dragging.find_branches(session.reading))  # number 0 is the drawn one
+    numbered = enumerate(dragging.find_branches(session.reading))  # 0: the drawn assembly
     return {"branches": [{"name": f"branch {k}" if k else "as drawn", "poses": session.reading.poses(q)} for k, q in numbered]}
 
 
@@ -180,7 +180,7 @@ def move_by_law(session: Session, message: Message) -> Reply:
 
     def search() -> None:
         """Find the singular positions of the motion, and send them as an event to the studio's pages in browsers."""
-        if session.text != text or session.ended.is_set():  # the drawing has changed meanwhile, or nobody waits
+        if session.text != text or session.ended.is_set():  # the drawing has changed, or the studio ends
             return
         try:
             positions, reason = motion.find_singular(mechanism, session.ended)
@@ -206,7 +206,7 @@ def stop(session: Session, message: Message) -> Reply:
     return {}
 
 
-# a function that returns None gets the scene as its reply
+# if a function returns None, the reply is the scene
 VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {
     "hello": hello,
     "files": list_folder,

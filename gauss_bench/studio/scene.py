@@ -1,4 +1,4 @@
-"""Make the scene: the plain data that the page draws for a document and the positions that were read from it.
+"""Make the scene: the plain data that the page draws, from a document and the positions read from it.
 
 The page itself computes only the places of points on rigid links.
 """
@@ -27,8 +27,8 @@ FORCES = tomllib.loads((Path(__file__).parent / "forces.toml").read_text(encodin
 def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
     """Return the scene: the data that the page draws for a reading.
 
-    `locks` are ids of locked parts: of a pin or slide; `links.NAME` for the angle of a link; `links.NAME:a-b` for the distance of
-    two points of a link; `joints.NAME` for the angle between the links of a pin.
+    `locks` are ids of locked parts: the id of a pin or slide; `links.NAME` for the angle of a link; `links.NAME:a-b` for the
+    distance of two points of a link; `joints.NAME` for the angle between the links of a pin.
     """
     document, locked = reading.document, {*locks}
     return {
@@ -115,11 +115,11 @@ def describe_pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
         groups[id] = [*dict.fromkeys([*groups.get(id, []), *known])]
         pin_of |= dict.fromkeys(known, id)
     groups = {id: members for id, members in groups.items() if members} | {x: [x] for x in places if x not in pin_of}
-    # the points of a pin that does not close lie apart: it is drawn between them
+    # the points of an open pin lie apart: the pin is drawn between them
     drawn_at = {id: np.mean([places[x] for x in members], axis=0).tolist() for id, members in groups.items()}
     shown = []
     for id, at in (drawn_at | lone_pins(reading.document)).items():
-        members = groups.get(id, [])  # none of a pin that joins nothing
+        members = groups.get(id, [])  # empty for a pin that joins nothing
         shown.append(
             {
                 "id": id,
@@ -179,7 +179,7 @@ def describe_forces(reading: Reading) -> list[dict[str, Any]]:
 def find_drivable(reading: Reading) -> list[dict[str, str]]:
     """Return name and kind of the coordinates that can be driven: "angle" of a link with a pin on the ground, or "slide"."""
     kinds: dict[str, str] = {}
-    # `rest` is the document without faulty parts; a cylinder in it becomes two links and a prismatic joint, and so is a slide here
+    # `rest` is the document without faulty parts; a cylinder becomes two links and a prismatic joint, and is thus listed as a slide
     for name, joint in items(expand_cylinders(reading.rest), "joints"):
         owners = [x.partition(".")[0] for x in sequence(joint, "at") if isinstance(x, str)]
         if "ground" in owners:

@@ -1,4 +1,4 @@
-"""Access control: the studio answers only pages that it has served to this machine, and that know the token of its address."""
+"""Access control: the studio answers only its own page on this machine, if the page knows the token of the studio's address."""
 
 import hmac
 import secrets
@@ -74,9 +74,9 @@ class Rate:
         self.times: deque[float] = deque()
 
     def allows(self, now: float | None = None) -> bool:
-        """Count a message at the time `now` [s], by default the present one, and return True.
+        """Count a message at the time `now` [s], by default the present time, and return True.
 
-        Return False, without counting it, if RATE messages have been counted in the last WINDOW seconds.
+        If RATE messages have been counted in the last WINDOW seconds, return False without counting the message.
         """
         now = time.monotonic() if now is None else now
         while self.times and self.times[0] <= now - WINDOW:

@@ -1,4 +1,4 @@
-"""The studio's server for this machine: it serves the page, the page's files, and one socket for each browser page that is open.
+"""Serve the studio to this machine: the page, the page's files, and one socket for each page that is open in a browser.
 
 Threads answer requests. Requests of one page are answered in their order, except long ones. Changes by different pages are made one
 after the other.
@@ -42,7 +42,7 @@ from gauss_bench.studio.security import ASKING, BESIDE, LARGEST, SOCKETS, UNREAD
 from gauss_bench.studio.session import Session
 
 PAUSE = 0.02  # [s] time until the rate of a page that sends too fast is tested again
-SWITCH = 5e-4  # [s] interval of Python's thread switching, because each frame of a drag passes three threads while others compute
+SWITCH = 5e-4  # [s] interval of Python's thread switching, short because each frame of a drag passes three threads
 PAGE = Path(__file__).parent / "page"
 Unread = asyncio.Queue[str]  # messages to a page that it has not read yet
 
@@ -84,7 +84,7 @@ class Connection(H11Protocol):
     """A connection to the server. If more than WAITING connections are idle when it opens, the oldest idle one is closed."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Register this connection; if there are so many idle ones that they could block the server, close the oldest of them."""
+        """Register this connection, and close the oldest idle one if there are too many."""
         super().connection_made(transport)
         self.since = self.loop.time()
         idle = [x for x in self.connections if isinstance(x, Connection) and x.is_idle()]
@@ -145,7 +145,7 @@ class Studio:
         return FileResponse(path) if path.is_file() else PlainTextResponse("there is no such file", 404)
 
     async def view(self, request: Request) -> Response:
-        """Serve the page that shows a linkage from a URL; it needs no token, because the server sends it nothing of the drawing."""
+        """Serve the page that shows a linkage from a URL; it needs no token, because it gets nothing of the drawing."""
         page, policy = view_page()
         return HTMLResponse(page, headers={"content-security-policy": f"{policy}; frame-ancestors 'none'"})
 
@@ -256,7 +256,7 @@ def open_session(linkage: str | None, folder: Path) -> Session:
         return Session(folder)
     path = find(linkage)
     if linkage not in files.find_templates():
-        read_file(path)  # checked first: if it is neither a file nor a built-in linkage, its error lists the built-in ones
+        read_file(path)  # if there is no such file or built-in linkage, this error lists the built-in linkages
     if path.suffix == ".toml" and path == Path(linkage):  # the path of a file: work in the folder of this file
         folder, linkage = path.resolve().parent, path.name
     session = Session(folder)
@@ -285,7 +285,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         listening.close()
         raise ExchangeError(f"--port {port}: is not available: {error}") from error
     remove_orphans()  # temporary folders of studios that were killed
-    sys.setswitchinterval(SWITCH)  # short, so that a drag stays smooth while other threads compute
+    sys.setswitchinterval(SWITCH)
     guard = Guard(int(listening.getsockname()[1]))
     studio = Studio(session, guard)
     session.tell = studio.tell
@@ -303,7 +303,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         ws_ping_interval=20.0,
         ws_ping_timeout=60.0,
         timeout_graceful_shutdown=2,
-        limit_concurrency=WAITING + ASKING,  # connections that are idle, and those with a request in work
+        limit_concurrency=WAITING + ASKING,  # idle connections, and those with a request in progress
     )
     # the page requests the engines first: find them in advance, in a thread that the interpreter waits for when it ends
     threading.Thread(target=list_engines).start()

@@ -1,4 +1,4 @@
-"""An open drawing with its history of texts for undo and redo, its locks, and the picture behind it."""
+"""Hold an open drawing with its history of texts for undo and redo, its locks, and the picture behind it."""
 
 import threading
 from collections.abc import Callable
@@ -21,11 +21,11 @@ class Session:
 
     Attributes:
         folder: folder in which files may be opened and saved.
-        lock: lock of threads, which every use of the state must hold.
+        lock: lock that a thread must hold when it uses the state.
         path: file from which the text was opened, or to which it was saved; or None.
-        saved: text that exists elsewhere, so that it cannot be lost: of the file or template, EMPTY, or "" for a pasted text.
+        saved: text that exists elsewhere and cannot be lost: of the file or template, or EMPTY; "" for a pasted or imported text.
         done, undone: states (text, locks) before the present state and after it, for undo and redo.
-        locks: ids of pins, slides, links and lengths that a drag must not change.
+        locks: ids of locked pins, slides, links, joints and lengths.
         revision: number of changes of the document so far.
         motions: number of motions computed so far.
         searches: thread that searches for singular positions, one motion after the other.
@@ -70,7 +70,7 @@ class Session:
         self._complete_change()
 
     def save_as(self, path: Path, text: str) -> None:
-        """Record that `text` has been saved to the file `path`: it becomes the present text, and its unsaved work is forgotten."""
+        """Record that `text` has been saved to the file `path`: make it the present text, and delete the file of unsaved work."""
         forget(self.autosave.file)
         self.text, self.saved = text, text
         self._set_path(path)
@@ -94,7 +94,7 @@ class Session:
         return self._read[1]
 
     def replace(self, text: str, locks: frozenset[str]) -> None:
-        """Replace the text of the linkage file and the set of locked parts, as one step of the history; ignore equal ones."""
+        """Replace the text of the linkage file and the set of locked parts, as one step of the history, if they differ."""
         if (text, locks) == (self.text, self.locks):
             return
         parse_text(text)  # raises if the text is no linkage file
@@ -113,7 +113,7 @@ class Session:
         self._step(self.done, self.undone)
 
     def redo(self) -> None:
-        """Redo the last step of the history that was undone."""
+        """Redo the step of the history that was undone last."""
         self._step(self.undone, self.done)
 
     def _step(self, source: list[tuple[str, frozenset[str]]], target: list[tuple[str, frozenset[str]]]) -> None:

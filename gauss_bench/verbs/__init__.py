@@ -1,1 +1,1 @@
-"""The subcommands that do more than call one public function, and the files that subcommands write."""
+"""Run the subcommands that do more than call one public function, and write the files of subcommands."""

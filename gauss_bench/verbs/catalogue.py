@@ -1,4 +1,4 @@
-"""Subcommands that list linkages, engines and schemas, describe a linkage file, and check an adapter or a file of settings."""
+"""List linkages, engines and schemas, describe a linkage file, and check an adapter or a file of settings."""
 
 import json
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Commands that make and verify certificates, which are reference motions with guaranteed digits."""
+"""Make and verify certificates, which are reference motions with guaranteed digits."""
 
 from argparse import Namespace
 from dataclasses import replace
@@ -40,9 +40,9 @@ def certify(options: Namespace, told: Told) -> Answer[Annotated[Row, CERTIFIED]]
 
 
 def verify(options: Namespace) -> Answer[Annotated[list[Row], VERIFIED]]:
-    """Check certificates (reference motions with guaranteed digits) in double precision; return a table row for each.
+    """Check certificates in double precision; return a table row for each.
 
-    The verb fails if a certificate does not hold, or if there is none.
+    The verb fails if a certificate does not hold, or if there is no certificate.
     """
     rows = certificates.verify_all(options.certificates, options.linkage, options.jobs)
     return Answer(rows, bool(rows) and all(row.get("passed", False) for row in rows))

@@ -1,4 +1,4 @@
-"""The subcommand `engines`, which lists, installs and removes engines in environments of their own."""
+"""List, install and remove engines in environments of their own, for the subcommand `engines`."""
 
 import sys
 from dataclasses import asdict, dataclass
@@ -71,7 +71,7 @@ def engines(action: str, name: str | None, yes: bool, told: Told) -> Answer[Envi
 
 def _list_environments(done: str) -> Environments:
     """Return all engines in environments of their own: first those of this package, then further ones of the user's file."""
-    environments = read_environments()  # those that the user's file names
+    environments = read_environments()  # from the user's file
     listed = {}
     for name in dict.fromkeys((*ELSEWHERE, *environments)):
         offered = asdict(read_offered(name)) if name in ELSEWHERE else {}

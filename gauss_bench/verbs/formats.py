@@ -1,7 +1,7 @@
-"""JSON Schemas (draft 2020-12) of linkage files, of suite files, and of what each command prints with --json.
+"""Make JSON Schemas (draft 2020-12) of linkage files, of suite files, and of the output of each command with --json.
 
-Schemas follow from the classes that check files and from the return types of commands; the descriptions of keys are the
-"Attributes:" of docstrings, and those of columns stand in `tables.toml`.
+Schemas follow from the classes that check files and from the return types of commands. Keys are described by the "Attributes:" of
+docstrings, and columns by `tables.toml`.
 """
 
 import inspect
@@ -49,7 +49,7 @@ def list_formats() -> dict[str, str]:
 
 
 def find_schema(name: str) -> Schema:
-    """Return the schema of a file format (`name` is a key of FILES), or of what the command `name` prints with --json.
+    """Return the schema of a file format (`name` is a key of FILES), or of the output of the command `name` with --json.
 
     Raises:
         ChoiceError: there is no schema with this name.
@@ -86,7 +86,7 @@ def describe_file(kind: type[BaseModel], title: str) -> Schema:
     schema = kind.model_json_schema(schema_generator=FileSchema)
     # kind.__mro__[1], the direct base of `kind`, is the common base of the classes of all tables in the file
     classes = {x.__name__: x for x in list_subclasses(kind.__mro__[1])}
-    schemas = {kind.__name__: schema} | schema["$defs"]  # name of a class -> schema; "$defs" has those of nested tables
+    schemas = {kind.__name__: schema} | schema["$defs"]  # name of a class -> schema; "$defs" has the nested tables
     for name, table in schemas.items():
         table.pop("title", None)
         meanings = list_meanings(classes[name])

@@ -1,6 +1,6 @@
 """Write plots, animations and tables of a linkage, a run or a motion.
 
-All contents are made first, so that either all files are written or none.
+All contents are made before the first file is written, so that an error leaves no file.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The command `releases`, which compares the results and times of several releases of an engine's library."""
+"""Compare the results and times of several releases of an engine's library, for the command `releases`."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime

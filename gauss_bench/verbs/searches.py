@@ -1,7 +1,4 @@
-"""Commands that run many cases.
-
-`recommend` searches for settings, `sweep` varies numbers of a linkage, and `atlas` finds the limits of engines.
-"""
+"""Run many cases: `recommend` searches for settings, `sweep` varies numbers of a linkage, and `atlas` finds limits of engines."""
 
 from argparse import Namespace
 from typing import Annotated, Any
@@ -30,7 +27,7 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
         asked = engines or order_engines()
         # the settings that an engine's authors contributed get a program of their own, ENGINE-authors
         for name in [*asked, *(f"{x}-authors" for x in list_owned(asked, options.authors))]:
-            # the hyphen keeps a program, whose folder Python searches first, from being imported in place of the engine's library
+            # because of the hyphen, Python cannot import a program instead of the engine's library
             files[name] = writable(options.out / f"run-{name}.py", options.replace, "--out", options.out, ".py", options.linkage)
     names = ("position", "angle", "force", "until", "scenario", "settings", "budget", "authors")
     try:
@@ -48,9 +45,9 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
 
 
 def sweep(options: Namespace, told: Told) -> Answer[SweepSummary]:
-    """Run one linkage with many values of some numbers, and report how much the results change at half the step."""
+    """Run one linkage with many values of some numbers, and report how much the results change with half the step."""
     names = ("scenario", "settings", "integrator", "stabilization", "step", "until", "budget")
-    # in the order of the fields of `Options`; the option --budget is its field `limit`
+    # in the order of the fields of `Options`; its field `limit` is the option --budget
     how, where = Options(*(getattr(options, x) for x in names)), Backend(options.backend, options.scheduler, options.jobs)
     planned = (options.samples, options.sampling, options.seed)
     engines = options.engines or ["gauss-native"]

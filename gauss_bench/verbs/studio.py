@@ -1,4 +1,4 @@
-"""The verb `studio`, whose libraries are an optional extra."""
+"""Start the studio, whose libraries are an optional extra."""
 
 from argparse import Namespace
 from pathlib import Path

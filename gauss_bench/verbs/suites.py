@@ -1,4 +1,4 @@
-"""Commands that run suites (files that list measurements), write their reports, and compare them with the committed baseline."""
+"""Run suites (files that list measurements), write their reports, and compare results with the committed baseline."""
 
 import shlex
 import sys
@@ -80,7 +80,7 @@ class Accepted:
 
 
 def choose_suite(options: Namespace, names: Sequence[str]) -> Any:
-    """Return the named suites as one suite, restricted to the linkages and engines in the options, and with settings of authors.
+    """Join the named suites, restrict them to the linkages and engines in the options, and add the settings of engines' authors.
 
     Raises:
         SuiteError, LinkageError, KeyError: a suite, linkage or engine cannot be used.
@@ -121,7 +121,7 @@ def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
     cases.adapt_cases(cases.cases(suite), options.until, options.steps)  # raises ChoiceError before anything is run
     if options.against:
         accuracy_rows(options.against)  # raises an error if there is no other run to compare with
-    if suite.steps and not suite.accuracy:  # a suite about compiled code alone needs the compiler
+    if suite.steps and not suite.accuracy:  # a suite that measures compiled code alone needs the compiler
         require("llvmlite")
     if suite.hours:
         print(f"{suite.title}: all of it takes up to {suite.hours:g} h on two quiet cores", file=sys.stderr, flush=True)
@@ -169,7 +169,7 @@ def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
     if not options.accept and not options.baseline.exists():
         raise ChoiceError(f"{options.baseline}: no baseline there; write one with --accept REASON")
     baseline = None if options.accept else gate.read_baseline(options.baseline)
-    # if only some linkages or engines were asked for, run only the cases that the baseline contains
+    # if linkages or engines were asked for, run only the cases that the baseline contains
     if baseline is not None and (options.linkages or options.engines):
         chosen = gate.known_cases(asked, baseline)
         if not chosen:

@@ -1,1 +1,1 @@
-"""Edits of a drawing, and how an edit becomes a step of the history."""
+"""Edit a drawing; every edit is a step of the history."""

@@ -1,4 +1,4 @@
-"""The document that an edit changes, with the poses of its links. Every edit is a function of a `Drawing`.
+"""Hold the document that an edit changes, with the poses of its links. Every edit is a function of a `Drawing`.
 
 Tables and poses determine the places of all points; after the edit, the file's sketch (`assembly.sketch`, from which joints are
 closed) is written anew. Places are complex numbers x + i y [m]. A reference is the text "LINK.POINT". The id of a pin is the name
@@ -20,12 +20,12 @@ from gauss_bench.studio.messages import Refused, place
 from gauss_bench.studio.reading import Reading, lone_pins, new_faults
 from gauss_bench.studio.scene import describe_pins
 
-DIGITS = 11  # decimals of lengths [m] in the file, whose rounding is far below the tolerance of closed joints
+DIGITS = 11  # decimals of lengths [m] in the file; the rounding is far below the tolerance of closed joints
 PLACED = 9  # decimals of positions [m] and angles [deg] in a sketch or start; on loading, the joints are closed again
 SAME = 1e-9  # [m] distance below which two places are the same
 NAME = re.compile(r"[A-Za-z0-9_]+")
-LETTERS = "PQRSTUVWXYZ"  # names for points of links that are no pins
-KG_PER_M = 0.8  # steel flat 20 x 5 mm, as in the linkages of the suite
+LETTERS = "PQRSTUVWXYZ"  # names for points that are no pins
+KG_PER_M = 0.8  # [kg/m] steel flat 20 x 5 mm, as in the linkages of the suite
 BLOCK = {"mass": 0.1, "inertia": 5e-5}  # [kg], [kg m^2] of a sliding block, as in the shaper
 
 
@@ -60,12 +60,12 @@ def pair(x: complex, digits: int = DIGITS) -> list[float]:
 
 
 def owner(reference: str) -> str:
-    """Return the link of a reference "LINK.POINT", or what stands before the dot in any other text."""
+    """Return LINK of a reference "LINK.POINT", or the part of any other text before its first dot."""
     return reference.partition(".")[0]
 
 
 def tail(reference: str) -> str:
-    """Return the point of a reference "LINK.POINT", or what follows the first dot in any other text."""
+    """Return POINT of a reference "LINK.POINT", or the part of any other text after its first dot."""
     return reference.partition(".")[2]
 
 
@@ -81,7 +81,7 @@ class Drawing:
     """
 
     def __init__(self, document: Document, reading: Reading):
-        """Take the poses and pins from a reading of the document; the set of locks for `describe_pins` is not needed here."""
+        """Take the poses and pins from a reading of the document."""
         self.document, self.reading = document, reading
         self.set_poses(reading.poses(reading.q))
         self.pins = {x["id"]: Pin(x["id"], complex(*x["at"]), tuple(x["members"])) for x in describe_pins(reading, set())}
@@ -107,7 +107,7 @@ class Drawing:
         return entries
 
     def link(self, name: Any) -> dict[str, Any]:
-        """Return the table of a link in the file; refuse a name that no placed link has."""
+        """Return the table of a link in the file; refuse a name that no link of the mechanism has."""
         entries = self.group("links").get(name) if isinstance(name, str) else None
         if not isinstance(entries, dict) or name not in self.poses:
             raise Refused(f"there is no link {str(name)[:60]!r}", field="link")
@@ -173,7 +173,7 @@ class Drawing:
         if not word:
             taken = taken.union(table(table(self.document, "assembly"), "sketch"), table(table(self.document, "ground"), "points"))
             taken = taken.union(*(table(link, "points") for _, link in items(self.document, "links")))
-        # of one number more than there are taken names, at least one is free
+        # of len(taken) + 1 numbers, at least one is free
         return next(f"{word}{k}" for k in range(1, len(taken) + 2) if f"{word}{k}" not in taken)
 
     def new_point_name(self, link: str) -> str:
@@ -216,7 +216,7 @@ class Drawing:
         return None
 
     def name_at(self, pin: Pin, taken: Any) -> str:
-        """Return a name for a new point at a pin: that of its joint or first point, or a number if `taken` contains that name."""
+        """Return a name for a new point at a pin: that of its joint or first point, else the pin's id; a number if it is taken."""
         wanted = self.joint_of(pin) or (tail(pin.members[0]) if pin.members else pin.id)
         return wanted if wanted not in taken and NAME.fullmatch(wanted) else self.new_name("")
 
@@ -239,12 +239,12 @@ class Drawing:
         """Join the point `reference` ("LINK.POINT"), which lies at the place of a pin, with the points of this pin.
 
         Return the changed pin, whose id may be new. If the pin has a joint in the document, the point is added to this joint. If
-        the pin has one point that the file can name, a new joint gets both points. Otherwise the new point is the pin's only point,
-        which needs no joint.
+        the pin has one point that the file can name, a new joint gets both points. Otherwise no joint is needed, because the file
+        can name the new point alone.
         """
         del self.pins[pin.id]
         joint, joints = self.joint_of(pin), self.group("joints")
-        # points that a joint can name: the parts of a cylinder have no table, so that no joint can name their points
+        # points that a joint can name: not those of the parts of a cylinder, which have no table
         written = [x for x in pin.members if self.is_written(owner(x))]
         if joint is not None:
             joints[joint]["at"].append(reference)
@@ -329,8 +329,8 @@ class Drawing:
         assembly = self.group("assembly")
         old, joints = table(assembly, "sketch"), [*items(self.document, "joints")]
         drawn: dict[str, list[float]] = {}  # the new sketch: joint or reference -> place
-        pinned: set[str] = set()  # references of the points that joints connect; the place of the joint is theirs
-        # pins that are not on the ground, and blocks of those slides that the file has sketched
+        pinned: set[str] = set()  # references of the points that joints connect, which lie at the joints
+        # pins that are not on the ground, and blocks of the slides that have an entry in the old sketch
         for name, joint in joints:
             ends = [x for x in sequence(joint, "at") if isinstance(x, str) and owner(x) in self.poses]
             pinned.update(ends)
@@ -360,7 +360,7 @@ class Drawing:
     def _choose_points(self, link: str, known: set[str]) -> tuple[list[str], bool]:
         """Return references to the points that fix the position of a link, and whether these points also fix its angle.
 
-        They are the points of the link in `known` (references), and another one if it is needed for the angle.
+        They are the link's points in `known` (references), else its first point; and another point if the angle needs it.
         """
         points = self.points(link)
         chosen = [name for name in points if f"{link}.{name}" in known] or [*points][:1]

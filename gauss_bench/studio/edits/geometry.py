@@ -1,4 +1,4 @@
-"""Edits of geometry: add pins, bars, larger links and slides; join, ground and move pins; set lengths and angles.
+"""Edit the geometry: add pins, bars, larger links and slides; join, ground and move pins; set lengths and angles.
 
 Every function with the name of a verb makes the edit of that verb. `../README.md` lists the keys of its message.
 """
@@ -59,7 +59,7 @@ def _connect(d: Drawing, pins: list[Pin], word: str) -> None:
     d.add_link(name, pins[0].at, phase(pins[1].at - pins[0].at), {"bars": [], "kg_per_m": KG_PER_M})
     ends = [tail(d.attach(pin, name).members[-1]) for pin in pins]  # names of the new points
     polygon = [[a, b] for a, b in zip(ends, [*ends[1:], ends[0]], strict=True)]
-    d.link(name)["bars"] = polygon if len(ends) > 2 else polygon[:1]  # between two points both sides are the same bar
+    d.link(name)["bars"] = polygon if len(ends) > 2 else polygon[:1]  # two points have one bar, not two sides
 
 
 def add_point(d: Drawing, message: Message) -> None:
@@ -81,7 +81,7 @@ def observe(d: Drawing, message: Message) -> None:
 
 
 def add_slide(d: Drawing, message: Message) -> None:
-    """Add a slide along a guide, and a block that slides along it and is pinned at a pin.
+    """Add a slide along a guide, with a new block that is pinned at a pin.
 
     Keys of the message:
         guide: link that carries the axis, by default the ground.
@@ -98,7 +98,7 @@ def add_slide(d: Drawing, message: Message) -> None:
         raise Refused(f"pin {pin.id} is on {name} itself, and cannot slide along it", (f"pins.{pin.id}",))
     angle = math.radians(number(message, "angle_deg"))
     point = _guide_point(d, guide, place(message.get("through"), "through"))
-    # the distance of the pin from the axis [m], positive to the left of its direction
+    # the distance of the pin from the axis [m], positive on the left of the axis
     offset = ((pin.at - d.place(f"{guide}.{point}")) * rect(1.0, -angle)).imag
     block, slide = d.new_name("block", "links"), d.new_name("slide", "joints", "cylinders")
     d.add_link(block, pin.at, angle, {**BLOCK})
@@ -126,7 +126,7 @@ def _guide_point(d: Drawing, guide: str, at: complex) -> str:
 def join(d: Drawing, message: Message) -> None:
     """Move a pin onto another pin, and join all points of both pins in one joint.
 
-    The pin `pin` of the message moves onto the pin `to`, or `to` onto `pin` if this is fixed to the ground.
+    The pin `pin` of the message moves onto the pin `to`, or `to` onto `pin` if `pin` is fixed to the ground.
     """
     a, b = d.pin(message.get("pin")), d.pin(message.get("to"))
     if a.id == b.id:
@@ -154,7 +154,7 @@ def join(d: Drawing, message: Message) -> None:
             b = d.join_at_pin(b, reference)
     remaining_joint = d.joint_of(b)
     if joint is not None and remaining_joint is not None:
-        for _, force in items(d.document, "forces"):  # forces in the removed joint now act in the other
+        for _, force in items(d.document, "forces"):  # forces in the removed joint now act in the other joint
             if force.get("joint") == joint:
                 force["joint"] = remaining_joint
     d.made.append(f"pins.{b.id}")
@@ -182,7 +182,7 @@ def _fix_to_ground(d: Drawing, pin: Pin) -> None:
 
 
 def _release_from_ground(d: Drawing, pin: Pin) -> None:
-    """Release a pin from the ground: remove its points of the ground, except points that a slide uses.
+    """Release a pin from the ground: remove its ground points, except points that a slide uses.
 
     A pin that then joins nothing keeps its place in `assembly.sketch`; a joint with one point is removed.
     """
@@ -192,7 +192,7 @@ def _release_from_ground(d: Drawing, pin: Pin) -> None:
         is_used = any(reference in (x.get("guide"), x.get("block")) for _, x in items(d.document, "joints"))
         if not is_used:
             del points[name]
-        if joint is None:  # the pin gets the name of the point, or a new name if a joint has this one
+        if joint is None:  # the pin gets the name of the point, or a new name if a joint has that name
             d.group("assembly", "sketch")[name if name not in joints else d.new_name("")] = pair(pin.at)
     if joint is not None:
         joints[joint]["at"] = [x for x in joints[joint]["at"] if owner(x) != "ground"]
@@ -215,7 +215,7 @@ def _move_pin(d: Drawing, pin: Pin, at: complex) -> None:
     if not pin.members:
         d.group("assembly", "sketch")[pin.id] = pair(at)
     joints = [x for _, x in items(d.document, "joints")]
-    used: Counter[str] = Counter()  # reference of a point -> how many times joints name it
+    used: Counter[str] = Counter()  # reference of a point -> number of times that joints name it
     for joint in joints:
         used.update(map(str, (joint.get("guide"), joint.get("block"), *sequence(joint, "at"))))
     for joint in joints:
@@ -227,7 +227,7 @@ def _move_pin(d: Drawing, pin: Pin, at: complex) -> None:
         if link == "ground":
             d.set_point(reference, at)
         elif link not in d.group("links"):
-            continue  # the part of a cylinder has no table that must change
+            continue  # a part of a cylinder has no table in the file
         elif len(d.points(link)) == 1:  # a block moves as a whole
             origin, theta = d.poses[link]
             d.poses[link] = origin + at - pin.at, theta
@@ -236,7 +236,7 @@ def _move_pin(d: Drawing, pin: Pin, at: complex) -> None:
 
 
 def _move_point(d: Drawing, reference: str, at: complex) -> None:
-    """Move a point of a link to a place in the world; if the link's frame lay along its first bar, it still does afterwards."""
+    """Move a point of a link to a place in the world; a frame that lay along the link's first bar is aligned with it again."""
     link = owner(reference)
     is_aligned = d.is_aligned(link)
     d.set_point(reference, at)
@@ -272,7 +272,7 @@ def set_angle(d: Drawing, message: Message) -> None:
     body, turn = reading.mechanism.find_body(name)  # turn: angle of a welded link in its body [rad]
     q, joints = reading.q, reading.joints
     first, row = float(angle_at(q, body)), gradient(Angle(GROUND, body), q)
-    change = math.remainder(math.radians(degrees) - float(turn) - first, 2 * math.pi)  # by the shorter turn to the angle [rad]
+    change = math.remainder(math.radians(degrees) - float(turn) - first, 2 * math.pi)  # [rad], at most half a turn
     for goal in np.linspace(first, first + change, max(1, math.ceil(abs(change) / TURN)) + 1)[1:]:
 
         def residual(x: Array, goal: float = goal) -> tuple[Array, Array]:

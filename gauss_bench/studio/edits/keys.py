@@ -1,4 +1,4 @@
-"""Edits of tables by their keys: set, rename and delete entries; add forces; find the part that a message locks."""
+"""Edit tables by their keys: set, rename and delete entries; add forces; find the part that a message locks."""
 
 import re
 from collections.abc import Callable
@@ -27,7 +27,7 @@ TEXTS = ("title", "name", "format", "type", "law")  # keys of texts that name no
 
 
 def set_key(d: Drawing, message: Message) -> None:
-    """Set the key at a path and remove a key that excludes it; delete the key if the value is null."""
+    """Set the key at a path and remove the key that it excludes; delete the key if the value is null."""
     path, value = message.get("path"), message.get("value")
     if not isinstance(path, str) or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*", path):
         raise Refused("a path consists of keys separated by dots", field="path")
@@ -55,7 +55,7 @@ def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
     Texts at the keys TEXTS stay, because they name no entry.
 
     Args:
-        change: function (text, key) -> new text, where `key` is the key whose value is the text, or is a list or table with it.
+        change: function (text, key) -> new text, where `key` is the key whose value is the text, or a list or table with the text.
         key: key whose value is x; empty for the whole file, and for entries of groups, such as `links.A`, whose key is a name.
     """
     if isinstance(x, dict):
@@ -113,7 +113,8 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
 def _rename_pin(d: Drawing, name: str, to: str) -> None:
     """Rename the pin with the id `name`: its joint, and the points at the pin that have the joint's name.
 
-    A point stays if its link has another one with the new name. After a refusal the caller discards all changes.
+    If a link has a point `to` already, the link's point at the pin keeps its name; for a pin without a joint this is refused. After
+    a refusal the caller discards all changes.
     """
     pin = d.pin(name)
     joint, where = d.joint_of(pin), (f"pins.{name}",)
@@ -138,7 +139,7 @@ def _rename_pin(d: Drawing, name: str, to: str) -> None:
 def _rename_point(d: Drawing, link: str, old: str, new: str) -> None:
     """Rename a point of a link or of the ground, in the table of its owner and in all references."""
     entries = d.group("ground") if link == "ground" else d.link(link)
-    keys = ("points", "bars", "point", "from")  # keys of that table whose value is a point's name without the name of its owner
+    keys = ("points", "bars", "point", "from")  # keys of this table whose values name a point without its owner
     entries.update(rewrite(entries, lambda x, key: new if x == old and key in keys else x))
     d.document.update(rewrite(d.document, lambda x, key: f"{link}.{new}" if x == f"{link}.{old}" else x))
 
@@ -156,9 +157,9 @@ def delete(d: Drawing, message: Message) -> None:
             _delete_pin(d, name)
         elif group == "slides" and name in d.group("joints"):
             block = owner(str(d.group("joints").pop(name).get("block")))
-            if len(table(table(d.document, "links").get(block, {}), "points")) == 1:  # a block that is a link of its own goes too
+            if len(table(table(d.document, "links").get(block, {}), "points")) == 1:  # a block with this one point is deleted too
                 del d.group("links")[block]
-        elif group in GROUPS and group != "joints" and name in d.group(group):  # not there if it was deleted with another part
+        elif group in GROUPS and group != "joints" and name in d.group(group):  # missing if deleted with another part
             del d.group(group)[name]
             removed_links = {"links": {name}, "cylinders": {f"{name}_barrel", f"{name}_rod"}}.get(group, set())
             d.poses = {link: pose for link, pose in d.poses.items() if link not in removed_links}
@@ -186,7 +187,7 @@ def _delete_point(d: Drawing, link: str, point: str) -> None:
     entries = d.link(link)
     entries["points"] = {k: pair(x) for k, x in d.points(link).items() if k != point}
     bars: list[list[str]] = []  # bars that do not end at the point
-    neighbours: list[str] = []  # other ends of bars that do
+    neighbours: list[str] = []  # other ends of the bars at the point
     for bar in sequence(entries, "bars"):
         if point in bar:
             neighbours += [x for x in bar if x != point]
@@ -250,11 +251,11 @@ def _add_cylinder(d: Drawing, entries: dict[str, Any]) -> None:
     if len(sequence(entries, "between")) != 2:
         raise Refused("a cylinder lies between two points", field="a")
     a, b = (d.place(str(x)) for x in entries["between"])
-    # barrel and rod, each 0.6 of the distance of the points, overlap by a fifth of it
+    # barrel and rod, each 0.6 of the distance of the points, overlap by 0.2 of this distance
     part = {"length": round_digits(max(0.6 * abs(b - a), 1e-3)), "kg_per_m": KG_PER_M}
     name = d.new_name("cylinder", "cylinders", "joints")
     if d.document.get("format") == FORMAT:
-        # the second edition damps a pin of three links in another way than the first
+        # the second edition damps a pin of three or more links in another way than the first
         for damper, force in items(d.document, "forces"):
             joint = table(d.document, "joints").get(str(force.get("joint")), {})
             if force.get("type") == "joint_damping" and len(sequence(joint, "at")) > 2:
@@ -267,7 +268,7 @@ def _add_cylinder(d: Drawing, entries: dict[str, Any]) -> None:
 
 
 def lock_of(d: Drawing, message: Message) -> str:
-    """Return the id of the lock that a message names: the id of a pin, a slide, a length or an angle that is to be kept fixed."""
+    """Return the id of the pin, slide, length or angle that a message locks or frees."""
     if "pin" in message:
         return f"pins.{d.pin(message.get('pin')).id}"
     if "joint" in message:

@@ -24,7 +24,7 @@ from gauss_bench.studio.reading import Reading
 DRIVEN, RELEASED = "driven", "released"  # the scenarios that the studio writes
 USUAL, FREE = 1.0, 2.0  # [s] usual durations of "driven" and "released"
 STROKE = 0.1  # default travel of a driven length, relative to the size of the linkage
-FOLLOWS = 1e-6  # [m, rad] a start value whose difference from the drawing is smaller changes with the drawing
+FOLLOWS = 1e-6  # [m, rad] a start value that differs less from the drawing changes with the drawing
 UNITS = {"_deg": math.degrees(1.0), "": 1.0}  # ending of a key for an angle -> value of the key for one radian
 
 
@@ -65,7 +65,7 @@ def _name_coordinate(d: Drawing, choice: Any) -> dict[str, Any]:
         choice: a value of a message: the name of a link or slide, `{"name": name}`, or `{"between": [a, b]}` for a distance.
     """
     if isinstance(choice, dict) and "between" in choice:
-        a, b, *_ = [*sequence(choice, "between"), None, None]  # None for a missing one, which `find_ends` refuses
+        a, b, *_ = [*sequence(choice, "between"), None, None]  # None for a missing end, which `find_ends` refuses
         return {"between": d.find_ends(a, b)}
     name = choice.get("name") if isinstance(choice, dict) else choice
     if isinstance(name, str) and name in d.group("links"):
@@ -100,8 +100,8 @@ def drawn_value(reading: Reading, driver: Mapping[str, Any]) -> float | None:
 def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] | None = None) -> None:
     """Let the scenario "driven" of a document start in the drawn position.
 
-    Drivers without a start get the one in the drawing, and `start` is written again for the coordinates without drivers. If `only`
-    is given, only drivers with these keys and values get a start.
+    A driver without a start gets the drawn value; with `only`, the driver must also have these keys and values. `start` is written
+    again for the coordinates without drivers.
     """
     scenario = table(table(document, "scenarios"), DRIVEN)
     drivers = drivers_of(scenario)
@@ -136,7 +136,7 @@ def make_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
     start: dict[str, Any] = {}
     for chosen in choose_held(mechanism, q, free):
         table_name, unit = ("angles_deg", UNITS["_deg"]) if chosen.kind == "angle" else (chosen.tables[0], 1.0)
-        values = [round_digits(value(x, q) * unit) for x in chosen.coordinates]  # two of a point, one of any other kind
+        values = [round_digits(value(x, q) * unit) for x in chosen.coordinates]  # two for a point, otherwise one
         start.setdefault(table_name, {})[chosen.name] = values if chosen.kind == "point" else values[0]
     return start
 
@@ -164,14 +164,14 @@ def update_starts(document: Document, old: Reading, new: Reading) -> None:
     if old.mechanism is None or new.mechanism is None or not (old.closed and new.closed):
         return
     driven = table(table(document, "scenarios"), DRIVEN)
-    # with another number of degrees of freedom, other coordinates must be given in the start of "driven"; `hold` means that the
-    # user chose them
+    # with another number of degrees of freedom, the start of "driven" must have other coordinates; with `hold`, the user has chosen
+    # these coordinates
     has_other_freedom = old.mechanism.n - old.rank != new.mechanism.n - new.rank
     if drivers_of(driven) and "hold" not in driven and has_other_freedom:
         start_driven(document, new)
 
     def move(entry: dict[str, Any], key: str, coordinate: Mapping[str, Any], unit: float) -> None:
-        """Adapt one start value: if it was equal to its coordinate in the old drawing, set it to the value in the new drawing.
+        """Set one start value to its coordinate in the new drawing, if it was equal to its coordinate in the old drawing.
 
         Args:
             entry, key: the table that has the start value, and the key of the start value in it.

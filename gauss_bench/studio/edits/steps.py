@@ -111,7 +111,7 @@ def set_picture(session: Session, message: Message) -> None:
     at, width, height = place(entries.get("at")), number(entries, "width"), number(entries, "height")
     if not (1e-6 <= width <= 1e5 and 1e-6 <= height <= 1e5):
         raise Refused("a picture is at least 1e-6 m and at most 1e5 m wide and high", field="width")
-    url = entries.get("url", session.picture and session.picture.url)  # without one, the present picture is moved
+    url = entries.get("url", session.picture and session.picture.url)  # without a URL, the present picture is moved
     if not isinstance(url, str) or not url.startswith(PICTURES):
         raise Refused("a picture is PNG, JPEG, WebP or GIF", field="picture")
     session.set_picture(Picture(url, (at.real, at.imag), width, height))
