@@ -33,7 +33,7 @@ from gauss_bench.trajectory import Status, Trajectory, in_a_sentence, spread_eve
 LIMIT = 60.0  # [s] default of the time for the run, its repetition with half the step, the reference and the program
 COMPILING = 20.0  # [s] limit of the C compiler
 RUNNING = 5.0  # [s] limit of a program in C
-OWN_LIMIT = 0.8  # share of its worker's limit that a program in Python gets, so that the program's own limit ends it first
+OWN_LIMIT = 0.8  # limit of a program in Python, as a share of its worker's limit: the program must be stopped before the worker
 COMPILED_STEP = 2e-6  # [s] time of a compiled step of a linkage of usual size
 QUICK, PRECISE = 1e-6, 1e-9  # error bars of the two references, relative to the linkage's size, and [rad]
 ROUGH = 1e-3  # largest error bar of a reference that is used, relative to the linkage's size, and [rad]
@@ -116,7 +116,7 @@ def describe_reference(reference: str, known: float | None) -> str:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The largest errors of a run [m], [rad], and its reference: error bar and method; None and the reason if there is none."""
+    """The largest errors of a run [m], [rad], and the error bar and method of the reference, or the reason why there is none."""
 
     reference: str
     position: float | None = None
@@ -125,7 +125,7 @@ class Comparison:
 
 
 class ProgramFailed(Exception):
-    """Raised if a program fails; the message is the one that the program printed."""
+    """Raised if a program fails or prints rows that cannot be used; the message gives the reason."""
 
 
 def measure_program(
@@ -142,11 +142,11 @@ def measure_program(
 
     Args:
         source: text of the program if the program itself is run, else empty.
-        seconds: time for the run, its repetition at half the step, the program and the reference [s]: a quarter is for the suite's
-            run with its repetition, half is for the reference, and a program in Python gets what the run left of the first half.
+        seconds: time [s], a quarter each for the suite's run and for its repetition at half the step, and half for the reference. A
+            program in Python gets the rest of the first half, and at least a quarter.
 
     Raises:
-        ChoiceError: the steps of a program in C would take longer than a quarter of `seconds`.
+        ChoiceError: the steps would take longer than a quarter of `seconds`.
     """
     end, budget = mechanism.duration, Budget(seconds)
     steps, every = plan(end, choice.step)  # number of steps, and steps between the rows that the program prints
@@ -236,7 +236,7 @@ def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Comparison:
 
 
 def refuse_far(mechanism: Mechanism, position: float, angle: float) -> str:
-    """Return the reason to refuse a motion whose errors [m], [rad] are larger than the judge allows; empty if they are not."""
+    """Return the reason to refuse a motion with errors [m], [rad] that the judge does not allow, or an empty text."""
     if not position <= OFF_MOTION * mechanism.size:
         return f"a link ends up {position:.2g} m from where it should be"
     return "" if angle <= OFF_MOTION else f"a link ends up turned by {angle:.2g} rad from where it should be"
