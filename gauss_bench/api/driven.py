@@ -289,8 +289,8 @@ def _start_angle(mechanism: Mechanism, name: str) -> float:
 def start_value(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
     """Return the start value [rad, m] of the coordinate that a driver table names, or None if it is unknown.
 
-    A coordinate that the scenario drives has the value of the driver's law at time 0. An angle or slide that it does not drive has
-    the value of the assembled position, and a length has none.
+    A coordinate that the scenario drives has the value of the driver's law at time 0. An undriven angle or slide has its value in
+    the assembled position; an undriven length has none.
     """
     link, joint, between = table.get("link"), table.get("joint"), table.get("between", ())
     names = {"link": link, "joint": joint, "between": "-".join(between)}

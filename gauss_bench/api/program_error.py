@@ -188,7 +188,7 @@ def run_program(
 ) -> tuple[Trajectory | None, str]:
     """Run a program, in Python for at most `seconds`; return its samples, and a text that says what was run.
 
-    If the program cannot be run here, these are the samples of `run`, the suite's run of its setting, and `run_name`.
+    If the program cannot be run here, the samples are those of `run`, the suite's run of the same setting, called `run_name`.
     `source` is empty if a program of this kind cannot be run on its own; `interpreter` is None for a program in C.
 
     Raises:
@@ -208,8 +208,8 @@ def run_program(
 def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Comparison:
     """Return the largest errors of a trajectory against a reference.
 
-    Computing references takes at most `seconds`. If the error bar of the first one, QUICK relative to the linkage's size, is more
-    than a tenth of the error, a second one with the error bar PRECISE follows. At most COMPARED samples are compared.
+    Computing references takes at most `seconds`. If the error bar of the first reference, QUICK relative to the linkage's size, is
+    more than a tenth of the error, a second reference with the error bar PRECISE follows. At most COMPARED samples are compared.
     """
     samples = trajectory[spread_evenly(len(trajectory.t), COMPARED)]
     size, budget = run.mechanism.size, Budget(seconds)
@@ -226,7 +226,7 @@ def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Comparison:
                 bars = truth.bars
                 if max(bars["position"] / size, bars["angle"]) > ROUGH:
                     reason = f"the motion is known to {format_errors(bars, KINDS)} only: {truth.description}"
-            if reason:  # the first reference, if there is one, is better than none
+            if reason:  # the first reference, if there is one, is used
                 return best if best.known is not None else Comparison(f"{best.reference}: {reason}")
             errors = state_errors(run.mechanism, samples, truth.at(run, samples.t)).largest
             best = Comparison(truth.description, errors["position"], errors["angle"], truth.bar)

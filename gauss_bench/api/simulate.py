@@ -299,7 +299,7 @@ def simulate(
     samples = runs.run.samples
     if samples is None:
         return _without_samples(known, runs.run.status, runs.run.message)
-    with np.errstate(all="ignore"):  # overflow in a diverged run is an objection of the judge, not a warning of numpy
+    with np.errstate(all="ignore"):  # no warnings of numpy: the judge objects to a diverged run, which overflows
         try:
             return Simulation(**known, **_judge(mechanism, choice, runs, samples, at, forces))
         except (ArithmeticError, np.linalg.LinAlgError) as error:

@@ -278,7 +278,7 @@ def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> T
         for changes in list_settings(judge.file, step):
             if judge.budget.remaining() <= 0:
                 return best
-            tried = judge.try_setting(changes) if changes else before  # without changes it is the file's own setting
+            tried = judge.try_setting(changes) if changes else before  # no changes: the file's own setting
             told(f"{describe_changes(changes)}: {describe_errors(tried)}")
             if tried.share < best.share:
                 best = tried

@@ -30,7 +30,7 @@ class Verification:
         digits: number of certified digits.
         windows: number of short time intervals that were integrated again, each from a certified state.
         state_error: largest error of positions or velocities at the end of such an interval, relative to the largest position or
-            velocity of the motion.
+            velocity of the motion, or to 1 if that is larger.
         balance_error: largest residual of the constraints and of the equations of motion, relative to the size of their terms.
     """
 

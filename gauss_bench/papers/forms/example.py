@@ -113,7 +113,7 @@ def start_off(form: list[float]) -> float:
 def figures_off(form: list[int]) -> float:
     """Return the number of figures that are wrong or missing in the range form = [first, last].
 
-    Right are the figures 2 to 5, which show the crank's centre.
+    The right figures are 2 to 5, which show the crank's centre.
     """
     first, last = form
     return float(len({2, 3, 4, 5} ^ set(range(first, last + 1))))

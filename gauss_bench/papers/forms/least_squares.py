@@ -30,7 +30,7 @@ from gauss_bench.papers.forms import problems
 from gauss_bench.papers.forms.problems import CRANK, Problem, count_off, draw, relative
 from gauss_bench.terms import Array
 
-RCOND = 1e-10  # relative to the largest singular value: rounding leaves 1e-15, the problems have 1e-4 or more
+RCOND = 1e-10  # relative to the largest singular value: rounding leaves 1e-15, and the smallest that count are 1e-4 or more
 Form = Callable[..., Array]
 Rate = Callable[[Number, Number], Number]  # function of q and v: the rates J v of the constraints, which a motion keeps at zero
 
@@ -220,7 +220,7 @@ def normal_sides(A: Array, b: Array, h: Array) -> tuple[Array, Array]:
 
 
 def sides_off(form: Callable[[Array, Array, Array], tuple[Array, Array]], p: Problem) -> float:
-    """Return the relative difference of the sides form(A, b, h) at the minimum of |A h - b|, which the true accelerations are."""
+    """Return the relative difference of the sides form(A, b, h) at the true accelerations, which minimise |A h - b|."""
     return relative(*form(matrix(p), vector(p), p.a))
 
 
@@ -312,7 +312,7 @@ def constraints_off(form: Form, p: Problem) -> float:
 
 
 def difference_off(factor: float, p: Problem) -> float:
-    """Return the error of `factor` times -N M^-1 J^T lambda as the difference a_true - a_(16), relative to the accelerations."""
+    """Return the difference of `factor` times -N M^-1 J^T lambda from a_true - a_(16), relative to the accelerations."""
     wrong = euclidean(p)
     predicted = -projector(p) @ np.linalg.solve(p.M, p.J.T @ p.multipliers)
     scale = max(np.abs(wrong).max(), np.abs(p.a).max(), np.abs(free_motion(p)).max())

@@ -35,11 +35,11 @@ class Piece:
     number: Number
 
     def laws(self, t: Value, arithmetic: Arithmetic) -> list[Law]:
-        """Return the value, rate and second rate that each driver prescribes at a time t within this interval of time."""
+        """Return the value, rate and second rate that each driver prescribes at a time t within this interval."""
         return [self._law(driver, table, t, arithmetic) for driver, table in self.drivers]
 
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
-        """Return the value, rate and second rate that one driver prescribes at a time t within this interval of time."""
+        """Return the value, rate and second rate that one driver prescribes at a time t within this interval."""
         value, rate, second = driver.law(self.begin)
         zero, origin, breaks = rate - rate, self.begin, find_breaks(table, self.number)  # zero in the type of number
         coefficients = [value, rate, second / 2]  # a constant rate, unless one of the cases below holds

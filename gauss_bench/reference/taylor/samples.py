@@ -78,7 +78,7 @@ def sample(
         q[:, 3 * i + 2] = q[:, 3 * i + 2] + turn
     velocity = absolute(at.variation(v), v)
     acceleration = absolute(at.variation(a), a) + absolute(at.bias(v), {})
-    # residuals of the loops; usually a thousand roundings, but 1e-12 if decimals of the file contradict each other
+    # residuals of the loops: usually about a thousand roundings, but 1e-12 if decimals of the file contradict each other
     laws = rows.laws(states.t)
     gaps = stack_arrays([*rows.residuals(at, laws), *coordinates.turn_gaps], zero)
     rate_gaps = multiply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), zero)
