@@ -60,7 +60,7 @@ def race_there(
             race.blocks.pop()
         else:
             round_time += elapsed
-    # as many rounds as the time allows, but not fewer or more than ROUNDS
+    # as many rounds as the time allows, within the limits ROUNDS
     rounds = int(min(max((deadline - time.monotonic()) / max(round_time, 1e-3), ROUNDS[0]), ROUNDS[1]))
     measured = race.run(rounds)
     # the clock also times an entry of its own, which is no Way, to measure the noise

@@ -113,7 +113,7 @@ def _check_linkages() -> Finding:
 
 
 def _check_cache() -> Finding:
-    """Report the cache of compiled code, and how much it holds."""
+    """Report the folder and the size of the cache of compiled code."""
     path = user_cache.trusted_folder()
     if path is None:
         why = f"{user_cache.folder()} is not a folder that this user alone may enter; linkages are compiled anew in each run"

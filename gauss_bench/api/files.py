@@ -28,7 +28,7 @@ def writable(
 
     Args:
         option: the command-line option that named the path, for error texts.
-        usual: the default folder of such files; it need not exist if its parent does.
+        usual: the default folder of such files, which need not exist if its parent does.
         suffix: ending of the file to write; an existing file of another kind is never replaced.
         source: path of the subcommand's input file, which is never replaced.
 

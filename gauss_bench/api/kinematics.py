@@ -280,7 +280,7 @@ def _check_travel(mechanism: Mechanism, times: Array) -> None:
 
 
 def _check_all_driven(mechanism: Mechanism) -> None:
-    """Check that the drivers leave no coordinate free; else raise a ChoiceError that says which ones to hold."""
+    """Check that the drivers leave no coordinate free; else raise a ChoiceError that names those to hold."""
     if free := free_at_start(mechanism):
         # names alone: "crank" of "angle of crank", "piston" of "slide piston"
         names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in free]

@@ -54,7 +54,7 @@ class ProgramError(Result):
         position, angle: largest error of any link's centre of mass [m] or angle [rad]; None if there is no reference.
         known: error bar of the reference [m, rad]; None if there is no reference.
         reference: how the reference was made, or why there is none.
-        measured_on: what was run to measure the error: the program itself, or the suite's run of the same setting.
+        measured_on: the run that was measured: the program itself, or the suite's run of the same setting.
     """
 
     status: str
@@ -186,7 +186,7 @@ def measure_program(
 def run_program(
     run: Simulation, run_name: str, source: str, interpreter: Interpreter | None, seconds: float
 ) -> tuple[Trajectory | None, str]:
-    """Run a program, in Python for at most `seconds`; return its samples, and a text that says what was run.
+    """Run a program, in Python for at most `seconds`; return its samples, and a text that names the run.
 
     If the program cannot be run here, the samples are those of `run`, the suite's run of the same setting, called `run_name`.
     `source` is empty if a program of this kind cannot be run on its own; `interpreter` is None for a program in C.

@@ -45,7 +45,7 @@ class Recommendation(Result):
         answers: one answer per engine. First come the accurate settings that were timed, the fastest first, then the accurate
             settings that were not timed, and then the engines without an accurate setting.
         advice: the advice in one sentence.
-        remarks: sentences on what limits the validity of the answers.
+        remarks: sentences on limits of the answers.
         complete: whether every variant of every engine was tried.
     """
 

@@ -110,7 +110,7 @@ class Metrics(TypedDict, total=False):
         position_drift: largest residual of the constraints [m, rad]; velocity_drift: largest rate of the residual [m/s, rad/s].
         acceleration_residual: largest second rate of the residual [m/s^2, rad/s^2].
         acceleration_error: median relative error of the accelerations at the run's own states.
-        energy_error: largest error of the balance of energy, work and losses [J]; energy_error_bar: error of its quadrature [J].
+        energy_error: largest error of the balance of energy, work and losses [J]; energy_error_bar: error of the quadrature [J].
         energy_scale: the larger of the largest kinetic energy and the range of the potential energy [J].
         steps: number of steps; null if the engine does not count them.
         shortened_steps: number of steps that were shortened to reach a requested time.
@@ -181,7 +181,7 @@ class Simulation(OneRun):
         valid: whether the run ended and the judge has no objection.
         objections: the judge's objections to the run, or to the part of a failed run before the failure.
         trusted_until: end of the part of the run to which the judge has no objection [s]; None if the run has no samples to judge.
-        advice: what may make an invalid run valid, or an empty text.
+        advice: changes that may make an invalid run valid, or an empty text.
         observed: names of the points and links that the linkage file observes.
         drivers: name of a driver -> torque [N m] or force [N] that the driver exerts (k,). Dictionaries leave `drivers` out if it
             is empty.

@@ -68,7 +68,7 @@ class Tuned(Result):
         errors: kind of error -> largest error [m], [rad], [N] of the written file, or of the best setting if no file was written.
         reference: how the reference motion was made; known: kind of error -> error bar of the reference [m], [rad], [N].
         cost: processor time of the written model divided by that of the original, for the same motion; None if no file was written.
-        left_out: parts of the model file that the linkage made from it lacks.
+        left_out: parts of the model file that the linkage lacks.
         remarks: sentences on settings that were not tried, and on better settings that MJCF cannot express.
     """
 
@@ -248,8 +248,8 @@ def find_reference(
 def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
     """Yield the changes (attribute -> value) that are tried at a timestep [s].
 
-    The first ones keep the solver parameters of the file's closures; the later ones replace them by stiff ones. Values that
-    the file already has are left out.
+    The first changes keep the solver parameters of the file's closures; the later changes set stiff parameters. Values that the
+    file already has are left out.
     """
     integrators = dict.fromkeys((file.settings["integrator"], "RK4", "implicitfast", "Euler"))  # the file's own first
     steps, damping = STIFF["solref"]  # a time constant in steps; MuJoCo's option refsafe allows no less than two

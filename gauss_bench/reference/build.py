@@ -54,7 +54,7 @@ def build_reference(mechanism: Mechanism, t_end: float) -> Reference:
 
 
 def build_driven(mechanism: Mechanism, times: Array) -> Reference:
-    """Build the reference of a linkage with a driven angle at times (k,) [s] by its geometry alone."""
+    """Build the reference of a linkage with a driven angle at times (k,) [s] from its geometry."""
     motion = MinimalCoordinate(mechanism)
     levels = _join(motion.state_at(t) for t in times)  # q, v, a (k, n)
     bar_q, bar_v, bar_a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels)

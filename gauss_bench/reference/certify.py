@@ -83,7 +83,7 @@ def certify(
     if count < min(2, len(times)):
         raise Uncertified(f"{mechanism.name} in scenario {mechanism.scenario}: no sample can be certified: {reason}")
     stored = {level: getattr(truth, level)[:count].astype(float) for level in LEVELS}
-    multipliers = first.multipliers if len(first.times) >= count else None  # a closed form has none
+    multipliers = first.multipliers if len(first.times) >= count else None  # not of `truth`: a closed form has none
     stored["multipliers"] = np.zeros((count, 0)) if multipliers is None else multipliers[:count].astype(float)
     report("sensitivity", 0.0)
     floor = floors(document, mechanism, truth.times[:count])

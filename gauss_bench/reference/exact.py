@@ -49,7 +49,7 @@ def sample(coordinates: Callable[[Any], Numbers], t: Sequence[Any]) -> States:
 
 
 def stack_bodies(bodies: Sequence[tuple[Any, Any]]) -> Numbers:
-    """Return the coordinates (3 bodies,) of bodies, given the place (a complex number) and the angle of each."""
+    """Return the coordinates (3 bodies,) of bodies, given the position (a complex number) and the angle of each."""
     return np.array([x for place, angle in bodies for x in (place.real, place.imag, angle)])
 
 

@@ -1,8 +1,8 @@
 """Verification of a certificate in double precision, which is cheap, and independent of the code that made the certificate.
 
-Several short intervals of the motion (windows) are integrated again by DOP853 from a certified state to the next, so that errors do
-not grow over the whole motion. All samples must satisfy the constraints, and the equations of motion M a + J^T lambda = Q with the
-certified multipliers.
+Several short intervals of the motion (windows) are integrated again by DOP853, each from a certified state to a later one, so that
+errors do not grow over the whole motion. All samples must satisfy the constraints, and the equations of motion M a + J^T lambda = Q
+with the certified multipliers.
 """
 
 from dataclasses import dataclass, replace

@@ -104,7 +104,7 @@ def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
     """Return (function J v of q and v, q, v, a) at instants of motions of the crank-slider and of a knife edge on a circle."""
     radius, omega, theta = 0.7, 3.0, 0.4  # [m], [rad/s], [rad] of the circular motion
     along, across = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
-    # the knife edge is at the origin, and the centre of the circle is at the distance `radius` across its direction
+    # the knife edge is at the origin, and the centre of the circle is at the distance `radius` across the edge
     on_circle = np.array([0.0, 0.0, theta]), np.append(radius * omega * along, omega), np.append(radius * omega**2 * across, 0.0)
     return [
         *((lambda q, v: np.asarray(crank_slider.jacobian(q) @ v), s.q, s.v, s.a) for s in crank_slider.moving_states()),

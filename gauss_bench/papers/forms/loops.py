@@ -208,7 +208,7 @@ def unknowns_off(form: list[int], equations: LoopEquations) -> float:
 def incidence(graph: LinkageGraph, oriented: bool) -> Array:
     """Return the incidence matrix by networkx, with a row for each link (the frame last) and a column for each pair.
 
-    A column has ones in the rows of the pair's two links; if `oriented`, the first of them is -1.
+    A column has ones in the rows of the pair's two links; if `oriented`, that of the first link is -1.
     """
     links, edges = [*range(graph.links), GROUND], [(*pair.links, pair.name) for pair in graph.pairs]
     return np.asarray(nx.incidence_matrix(nx.MultiGraph(edges), links, edges, oriented).toarray())

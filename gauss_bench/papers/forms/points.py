@@ -156,7 +156,7 @@ def find_pin(form: LineEquation, x: Shaper, start: complex) -> complex:
     """Return the position of the pin B that Newton's method finds from `start`, the solution of |B - O1| = L_O1B and `form` = 0."""
 
     def residuals(place: Array) -> Array:
-        """Return the residuals (2,) of the lever's length and of `form` with B at a place (2,)."""
+        """Return the residuals (2,) of the lever's length and of `form` with B at a position (2,)."""
         B = complex(place[0], place[1])
         return np.array([(abs(B - x.O1) / x.lever) ** 2 - 1, form(x.O1, x.A, B)])
 

@@ -1,6 +1,6 @@
 """Gaussian elimination with an order of pivots fixed beforehand, on sparse rows of numbers, arrays or symbols.
 
-The order is chosen at one state, and used for all states near it. Among the entries that are not small in their row, each pivot is
+The order is chosen at one state, and used for all states near it. Among the entries that are not small in their row, the pivot is
 the one with the least fill-in (Markowitz). In a system A x = b of full row rank with more unknowns than rows, the unknowns u
 without a pivot are free, and the general solution is x = x0 + N u:
 

@@ -1,4 +1,4 @@
-"""Motion laws of drivers as formulas of time, for a linkage of which only a part of the motion is driven.
+"""Motion laws of drivers as formulas of time, for a linkage whose motion is driven only in part.
 
 Time is divided into pieces at the breaks of all laws, so that every law is smooth within a piece. The values at both ends of a
 piece are taken from the motion law of the mechanism. The formulas for the times in between are derived here a second time:

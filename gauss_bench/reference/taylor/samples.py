@@ -87,7 +87,7 @@ def sample(
         raise Inconsistent(f"the loops are open by {gap:.1e} m or rad, and their rates differ by {rate_gap:.1e} per second")
     Q = stack_arrays(Loads(coordinates, at, v).flat(), zero)
     multipliers, imbalance = joint_forces(reactions(coordinates, at), Q - mechanism.mass * acceleration, redundant, eps)
-    if not imbalance < BALANCE / ROUNDING * eps:  # BALANCE holds for 128 bit; it is scaled to the rounding of this type
+    if not imbalance < BALANCE / ROUNDING * eps:
         raise Inconsistent(f"the equations of motion are satisfied only to {imbalance:.1e} of the joint forces")
     return Motion(tuple(times), q, velocity, acceleration, None if redundant else multipliers, (gap, rate_gap), stopped, method)
 
