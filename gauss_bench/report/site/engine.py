@@ -226,8 +226,8 @@ def list_failures(run: Run, name: str) -> list[str]:
     if early:
         steps = [r["step"] for r in with_number(early, "step")]
         # runs with a tolerance have no step
-        large = f", most of them at steps that are too large; the smallest such step was {min(steps):.2g} s" if steps else ""
-        sentences.append(f"In the search {len(early)} of {count(len(ladder), 'evaluation')} ended early{large}.")
+        smallest = f"; the smallest step among them was {min(steps):.2g} s" if steps else ""
+        sentences.append(f"In the search {len(early)} of {count(len(ladder), 'evaluation')} ended early{smallest}.")
     tried = (*rows, *of_engine(run.table("search_winners"), name))
     skipped = sorted({r["message"] for r in tried if r["status"] == "skip"} - {""})
     sentences += [f"Cannot be modelled: {x.removeprefix('cannot be modelled: ')}." for x in skipped[:4]]
