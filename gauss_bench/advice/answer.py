@@ -32,7 +32,7 @@ class Answer:
         complete: whether every variant was searched to its end.
         loops: name of a time loop -> run time of its fastest setting divided by the run time of the fastest engine; empty if the
             engine has a single time loop.
-        in_python: the part of the suite's own code that runs in Python inside the measured time.
+        in_python: the Python code outside the engine's library that a timed run executes.
         options: the engine's options under these settings.
         owner: the engine's authors if the settings are theirs; empty if they are the suite's.
         snippet: a program that runs the setting, in the engine's own language if possible; empty if there is no program.

@@ -51,7 +51,7 @@ class Budget:
 
 
 def waiting_times() -> dict[int, float]:
-    """Return thread -> seconds that it has waited for a processor, for all threads of this process and its children's main threads.
+    """Return thread -> seconds of waiting for a processor, for all threads of this process and the main threads of its children.
 
     The result is empty if the system does not report waiting times.
     """

@@ -1,4 +1,4 @@
-"""Time settings that meet a requirement side by side, in a worker, until a deadline."""
+"""Time the settings that meet a requirement, in alternation, in a worker, until a deadline."""
 
 import time
 from collections.abc import Sequence
@@ -12,8 +12,8 @@ from gauss_bench.linkage.load import load
 from gauss_bench.runs.blocks import Models
 
 ROUNDS = (3, 10)  # fewest and most rounds of the race
-LEAD = 0.03  # [s] time of the part of a run with equal steps that is timed
-SLOW = 0.3  # [s] a run that takes longer is timed only once
+LEAD = 0.03  # [s] length of the timed part of a run with equal steps
+SLOW = 0.3  # [s] a setting whose first timing takes longer is not timed again
 
 
 def race_there(
@@ -29,8 +29,8 @@ def race_there(
     """Measure the run times of several settings in alternation, in this process (a worker).
 
     Return two tables: "race" has a row for each timed setting, with the fields of its `Way` and its run times [s]; "failed" has a
-    row for each setting that could not be timed, with the engine and a message. An engine whose first run takes longer than SLOW is
-    timed by that run alone.
+    row for each setting that could not be timed, with the engine and a message. If the first timing of a setting takes longer than
+    SLOW, it stays the only one, and no further setting of the engine is timed.
 
     Args:
         until: end of the runs [s].
@@ -46,7 +46,7 @@ def race_there(
     models: Models = {}
     for *fields, steps in rows:
         way = Way(*fields)
-        time_left = deadline - time.monotonic() - ROUNDS[0] * round_time  # [s] after the fewest rounds of the settings so far
+        time_left = deadline - time.monotonic() - ROUNDS[0] * round_time  # [s] left after the fewest rounds of the settings so far
         if way.engine not in engines or way.engine in slow or (race.blocks and time_left <= 0):
             continue
         race.add(way, pace_run, run, way, steps, LEAD, samples, models)
@@ -60,7 +60,7 @@ def race_there(
             race.blocks.pop()
         else:
             round_time += elapsed
-    # as many rounds as the time allows, but not fewer or more than ROUNDS
+    # as many rounds as the time allows, within the limits ROUNDS
     rounds = int(min(max((deadline - time.monotonic()) / max(round_time, 1e-3), ROUNDS[0]), ROUNDS[1]))
     measured = race.run(rounds)
     # the clock also times an entry of its own, which is no Way, to measure the noise

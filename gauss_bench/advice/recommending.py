@@ -2,8 +2,8 @@
 
 The search over steps and tolerances is that of suites (`bench/search.py`). First one variant (a setting without step or tolerance)
 of each engine is tried, then the others in turn. Runs take place in worker processes and are not timed. The largest errors of an
-accepted setting are at most half of the allowed errors, because the error of the reference and the time between samples may account
-for the other half. Candidates are chosen without measured times, so that their order and errors are the same in every
+accepted setting are at most half of the allowed errors, because the error of the reference, and larger errors between the samples,
+may make up the other half. Candidates are chosen without measured times, so that their order and errors are the same in every
 recommendation; a budget that ends the search leaves the last of them untested.
 
 Then, for each engine, the accurate settings with the fewest evaluations are timed side by side in one process, as in a suite.
@@ -41,7 +41,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
 SHARE = "share of the requirement"  # kind of error: the largest of the errors, each divided by its requirement
-HALF = Requirement(SHARE, 0.5)  # what an accepted setting meets: each error is at most half of the allowed one
+HALF = Requirement(SHARE, 0.5)  # requirement on an accepted setting: each error is at most half of the allowed one
 KNOWN = 0.1  # largest error bar of the reference, divided by the allowed error
 REFERENCE_ENGINE = "gauss-native"  # engine whose compiled model computes the reference; it is also searched like any other engine
 DENSE = 400  # largest number of samples of a run with equal steps; every variant may take twice as many steps
@@ -59,7 +59,7 @@ ONE_TRY = 0.1  # share of the budget that the first run of an engine may take in
 TRIED = 0.85  # share of the budget at which the first runs of all engines must have ended
 LAST = 1.25  # time at which the programs, the last part of an answer, must be written, in units of the budget
 WRITTEN = 15.0  # [s] that writing the program of the advised setting may take even if the budget is used up
-WAITS = 4.0  # limit of the elapsed time of writing that program, in units of WRITTEN: other programs may have the processor
+WAITS = 4.0  # limit of the elapsed time of writing a program, relative to its least time: other programs may have the processor
 LONGEST = 0.15  # share of the budget that one run may take; the first run of an engine may take twice as long, because it compiles
 
 Better = Callable[[Answer], object]  # a function that is called with each answer that improves on the engine's previous one
@@ -144,7 +144,7 @@ class _Engine:
         return sorted(accurate, key=lambda x: x.work)
 
     def best(self) -> TriedSetting | None:
-        """Return the setting with the least work that meets the requirement so far, or None."""
+        """Return the accurate setting with the least work so far, or None."""
         return next(iter(self.accurate_settings()), None)
 
     def nearest(self) -> TriedSetting | None:
@@ -185,7 +185,6 @@ class Recommender:
         """Prepare the search: start a worker for each engine, and list the variants to try.
 
         Args:
-            wanted: kind of error -> largest allowed error [m], [rad], [N].
             spaces: engine -> its variants in the order in which they are tried.
             budget: the time for reference, search, timing and programs together.
             told, better: called with each sentence of progress, and with each answer that improves on the engine's previous one.
@@ -230,7 +229,7 @@ class Recommender:
         """Try variants until all have been tried or the time has ended; return the reference from which all errors are computed.
 
         Raises:
-            NoTruth: no reference is accurate enough to judge by.
+            NoTruth: no reference is accurate enough.
         """
         truth = self._truth()
         for kind, limit in self.wanted.items():
@@ -278,7 +277,7 @@ class Recommender:
     def _next_engine(self) -> _Engine | None:
         """Wait until an engine is idle; return the one with the fewest variants tried, or None at the end of the search.
 
-        After the time for the search, only engines without a run are left.
+        After the time for the search, only engines without a run are considered.
         """
         with self._changed:
             while self._failures.empty():
@@ -325,7 +324,7 @@ class Recommender:
             return by_size[size]
 
         try:
-            # if the time is over, the engine gets one run only; half the usual step makes it likely to be accurate
+            # if the time is over, the engine has a single run; half the usual step makes this run likely to be accurate
             is_late = is_first and self.budget.remaining(SEARCHED) <= 0
             first_step = self.first_step / 2 if is_late else self.first_step
             start = scale if adaptive else no_coarser(scale, first_step)
@@ -346,7 +345,7 @@ class Recommender:
     def _choose_after_refusal(self, engine: _Engine, trial: Trial) -> None:
         """After an engine refused the linkage, keep the variants whose time loop has not been tried.
 
-        If there are none and only one variant was tried, one with another integrator is kept. Otherwise the refusal is final.
+        If there are none and only one variant was tried, a variant with another integrator is kept. Otherwise the refusal is final.
         """
         loops = {engine.loop_of(way) for way in engine.trials}
         others = [x for x in engine.left if str(x.options.get("loop", "")) not in loops]
@@ -369,7 +368,7 @@ class Recommender:
         """Run a setting and return the trial run.
 
         Its errors include SHARE, the largest ratio of an error to its allowed value, and LOOPS, the largest gap of a joint [m], if
-        the user limits it.
+        it is limited.
         """
         assert self.truth is not None
         steps = BEATS if adaptive else round(self.run.until / way.size)
@@ -544,8 +543,8 @@ def known_errors(trial: Trial) -> dict[str, float]:
 def list_raced(engine: _Engine) -> list[TriedSetting]:
     """Return at most CHOICES settings of an engine to be timed: those whose work is at most NEAR times the least work.
 
-    For each time loop that none of them uses, the setting with the least work in this loop is added. Adaptive integrators count as
-    near, because their run time does not follow from the number of evaluations.
+    For each time loop that none of them uses, the setting with the least work in this loop is added, if necessary in place of the
+    last of them. Adaptive integrators count as near, because their run time does not follow from the number of evaluations.
     """
     settings = engine.accurate_settings()  # by increasing work
     least = min((x.work for x in settings), default=0.0)

@@ -1,7 +1,7 @@
 """A reference for any motion within seconds: runs with equal steps, which are halved until the motion changes little.
 
 The integrator has order eight, with the equations of the suite's own formulation, first in numpy, and compiled if more steps are
-needed. Of a pair of runs with a step and with half of it, the finer run is the reference, and the difference between both is its
+needed. Of a pair of runs with a step and with half the step, the finer run is the reference, and the difference between both is its
 error bar. Accelerations are compared with those in numpy, which reveals an error in the compiled equations, and the motion with its
 certificate, if there is one. Between samples, positions are polynomials of degree five.
 """
@@ -31,23 +31,23 @@ MORE = "a larger --budget helps"  # the end of the reason of a failure that more
 METHOD = "dop853_fixed"  # Dormand and Prince's method of order eight, with equal steps
 PLAIN, NATIVE = 100, 1600  # steps of the coarser run of the first pair, in numpy and compiled
 LOOK = 0.2  # share of the budget for the first pair of runs, in numpy
-COMPILED = 0.6  # share of the budget for compiled code, which may be compiled during a run; the rest is for numpy
+COMPILED = 0.6  # share of the budget at which compiled runs end (the first run may compile); the rest is for numpy
 MOST = 400_000  # largest number of steps of the coarser run of a pair
 SAMPLES = 3200  # largest number of samples of the reference
 AGREEMENT = 1e-6  # allowed relative difference of accelerations from those in numpy: rounding leaves 1e-9, a wrong term about 1
-ERROR_GROWTH = 16.0  # interpolation of order six through every second sample has 2^6 = 64 times the error; a margin of 4
+ERROR_GROWTH = 16.0  # interpolation of order six through every second sample has 2^6 = 64 times the error; 16 leaves a margin of 4
 SHORTER, ATTEMPTS = 4.0, 3  # divisor of a duration without a reference, and number of durations that are tried
 
 Told = Callable[[str], object]  # a function that is called with each sentence of progress
 
 
 class NoTruth(ArithmeticError):
-    """No reference is accurate enough to judge by."""
+    """No reference is accurate enough."""
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """A reference: a motion to judge runs by.
+    """A reference motion, with which runs are compared.
 
     Attributes:
         reference: the motion in equally spaced samples.
@@ -104,7 +104,7 @@ def interpolate(known: Reference | Trajectory, times: Array) -> tuple[Array, Arr
 def compute_reference(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Told) -> Truth:
     """Return a reference whose error bars are within `wanted`, or as small as time and rounding allow.
 
-    One pair of runs with few steps is tried first, in numpy, then compiled runs, for at most the share COMPILED of the budget, and
+    One pair of runs with few steps is tried first, in numpy, then compiled runs until the share COMPILED of the budget is used, and
     last runs with more steps in numpy.
 
     Args:
@@ -149,7 +149,7 @@ def compute_reference(run: Run, wanted: Mapping[str, float], left: Callable[[], 
                 raise NoTruth("; ".join([f"no reference within {budget:.3g} s, its share of the budget; {MORE}", *why]))
             raise NoTruth(f"the motion cannot be followed: {'; '.join(why)}")
         best = references[-1]
-        if not is_accurate:  # the one whose error bars are smallest relative to the wanted ones
+        if not is_accurate:  # the reference with the smallest error bars relative to `wanted`
             best = min(references, key=lambda x: max(x.bars.get(k, 0.0) / y for k, y in wanted.items()))
         return _certify(run, best)
 
@@ -231,7 +231,7 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
 
 
 def _certify(run: Run, truth: Truth) -> Truth:
-    """Return a reference that was compared with the certificate of the motion; without a certificate, the reference as it is.
+    """Return a reference that was compared with the certificate of the motion; without a certificate, the unchanged reference.
 
     The new error bars include the difference from the certificate.
 

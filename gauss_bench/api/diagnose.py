@@ -34,12 +34,12 @@ STEP = 1e-3  # [s] default of the integration step
 BUDGET = 120.0  # [s] default of the time for the whole diagnosis
 USUAL = 1.0  # [s] longest motion by default: in longer runs errors grow until they no longer add up linearly
 MIN_TIME = 1.0  # [s] computing time that every run may take, even after the deadline
-KNOWN = {"position": 1e-9, "angle": 1e-9}  # [m], [rad] largest error bars of the reference: errors below 1e-6 are not diagnosed
+KNOWN = {"position": 1e-9, "angle": 1e-9}  # [m], [rad] wanted error bars of a reference, a thousandth of the least diagnosed error
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Diagnosis(Verdict, OneRun):
-    """The diagnosis of one engine on one linkage; the fields of OneRun name the run.
+    """The diagnosis of one engine on one linkage.
 
     Attributes:
         until: end of the run [s].
@@ -67,7 +67,7 @@ class Subject:
         name, settings: the engine and its settings as they are printed.
         choice: the setting of the first run.
         offered: the engine's offer.
-        file: the user's model file if its own settings are diagnosed, else None.
+        file: the user's model file if the settings in this file are diagnosed, else None.
     """
 
     engine: str
@@ -158,7 +158,7 @@ def diagnose(
 def subject_with_settings(
     engine: str | None, settings: str | None, integrator: str | None, stabilization: str | None, step: float | None
 ) -> Subject:
-    """Return an engine with the given settings to be diagnosed; a setting that is None takes the engine's default."""
+    """Return an engine with the settings to be diagnosed; None takes the engine's default, or STEP [s]."""
     if engine is None:
         raise ChoiceError("--engine: name the engine to diagnose")
     offered = offer(engine)
@@ -230,7 +230,7 @@ def read_file(name: str, close: tuple[str, ...]) -> OwnFile | None:
 
 
 def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: str | None, step: float | None) -> Subject:
-    """Return MuJoCo with the settings of an MJCF file; `integrator` and `step` [s] replace its own unless they are None.
+    """Return MuJoCo with the settings of an MJCF file; `integrator` and `step` [s] replace those of the file unless they are None.
 
     Raises:
         ChoiceError: an MJCF file cannot express this integrator, stabilisation or step.
@@ -248,8 +248,7 @@ def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: s
 
 def compare_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference, required: Mapping[str, float]) -> list[str]:
     """Return for each requirement (kind -> largest error [m], [rad]) a sentence that says whether a run meets it."""
-    # a reference without certificate has equally spaced samples, at times that need not be those of the run, and is interpolated;
-    # error bars are not used here
+    # a reference without certificate has equally spaced samples, and is interpolated at the times of the run, without error bars
     if not reference.certified:
         q, v = truths.interpolate(reference, trajectory.t)
         reference = Reference.with_one_bar(replace(trajectory, q=q, v=v), reference.method)
@@ -262,10 +261,10 @@ def compare_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refe
 
 
 def find_reference(linkage: str, mechanism: Mechanism, until: float, deadline: float, told: Told) -> Reference:
-    """Return the certified motion up to `until` [s]; if there is none, compute a reference with smaller and smaller steps.
+    """Return the certified motion up to `until` [s]; without a certificate, compute a reference with smaller and smaller steps.
 
     Raises:
-        ChoiceError: no sufficiently accurate reference was found before the deadline (a time of the monotonic clock [s]).
+        ChoiceError: no reference was completed before the deadline (monotonic clock [s]), or it failed its checks.
     """
     if certified := find_certified(mechanism, until):
         return certified

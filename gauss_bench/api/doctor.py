@@ -25,10 +25,10 @@ from gauss_bench.runs.offers import Offer, offers
 from gauss_bench.runs.worker import THREADS, WorkerFailure, keep
 from gauss_bench.trajectory import Status
 
-TRIED, ENGINE_LIMIT = "crank_slider", 60.0  # linkage of the trial run, and the run's limit [s], in which an engine may compile C
+TRIED, ENGINE_LIMIT = "crank_slider", 60.0  # linkage and time limit [s] of the trial run, which may include compiling C code
 DURATION, STEP = 0.01, 1e-3  # [s] of the trial run
 EXTENDED = 63  # bits of a mantissa from which long double counts as extended precision
-OLDEST = (3, 11)  # version of Python
+OLDEST = (3, 11)  # oldest supported version of Python
 NEEDED = ("gauss", "lagrange")  # own formulations that must work on every machine
 
 
@@ -113,7 +113,7 @@ def _check_linkages() -> Finding:
 
 
 def _check_cache() -> Finding:
-    """Report the cache of compiled code, and how much it holds."""
+    """Report the folder and the size of the cache of compiled code."""
     path = user_cache.trusted_folder()
     if path is None:
         why = f"{user_cache.folder()} is not a folder that this user alone may enter; linkages are compiled anew in each run"
@@ -150,7 +150,7 @@ def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
 def _find_lacking(offer: Offer, choices: Iterable[Choice]) -> str:
     """Return why an engine's code cannot be compiled on this machine, such as a missing compiler; "" if no choice lacks anything.
 
-    Only adapters of this package (SAFE) are asked; for others the result is "", because they are imported in a worker alone.
+    The result is "" for an adapter of another package (not in SAFE), because this process must not import it.
     """
     if offer.name not in SAFE:
         return ""

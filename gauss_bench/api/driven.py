@@ -37,7 +37,7 @@ def driver_table(text: str) -> dict[str, Any]:
     A law without keys has the values TURN or RISE. The law "table" may name a file, whose rows are read.
 
     Raises:
-        ChoiceError: the text after "LAW:" is not of the form key=value,key=value, or has a key twice.
+        ChoiceError: the text after "LAW:" is not of the form key=value,key=value or repeats a key, or a table's file is unreadable.
     """
     law, _, assignments = text.partition(":")
     driver: dict[str, Any] = {"law": law}
@@ -92,7 +92,7 @@ class Source:
     scenario: str | None
 
     def load(self, place: Place = assemble) -> Mechanism:
-        """Return the mechanism of the file as it is, in the chosen scenario; the function `place` finds the start position."""
+        """Return the mechanism of the unchanged file in the chosen scenario; the function `place` finds the start position."""
         return load_document(self.document, self.scenario, str(self.path), self.digest, self.path.stem, place)
 
     def load_changed(self, document: dict[str, Any], scenario: dict[str, Any]) -> Mechanism:
@@ -124,7 +124,7 @@ def load_with_drivers(
     source = Source(document, digest, path, scenario or first_driven)
     if held := _read_holds(source, hold):
         return _load_held(source, driver, held, with_forces)
-    own = source.load()  # reports faults of the file first, by the names in the file
+    own = source.load()  # faults of the file are reported first, by the names in the file
     if driver is None:
         if not own.drivers:
             raise source.refuse(own.scenario, _explain_undriven(own))
@@ -147,7 +147,7 @@ def _explain_undriven(mechanism: Mechanism) -> str:
 
 
 def _complete_driver(document: dict[str, Any], own: Mechanism, text: str) -> dict[str, Any]:
-    """Return the driver table of a driver given as text, with defaults: it drives the crank, from its angle at the start."""
+    """Return the driver table of a driver given as text, with defaults: the crank is driven, from the start value of its angle."""
     driver = driver_table(text)
     if not {"link", "joint", "between"} & driver.keys():
         if "crank" not in document:
@@ -203,7 +203,7 @@ def _load_held(source: Source, driver: str | None, held: dict[str, float | None]
         _hold_part(document, own, name, value, start)
     duration = chosen["duration"] if driver is None else float(drivers[0].get("time", 1.0))
     scenario: dict[str, Any] = {"duration": duration, "drivers": drivers, "start": start}
-    for key in ("expect", "measure"):  # held parts change the counts that the file expects, and may remove what it measures
+    for key in ("expect", "measure"):  # held parts change the counts in `expect`, and may remove the coordinate in `measure`
         document.pop(key, None)
     forces, joints = document.pop("forces", {}), document.get("joints", {})
     if with_forces:  # a pin that became a weld does not turn, so its damping and friction exert nothing and are left out
@@ -211,17 +211,17 @@ def _load_held(source: Source, driver: str | None, held: dict[str, float | None]
         document["forces"] = {x: forces[x] for x in scenario["forces"]}
     mechanism = source.load_changed(document | {"format": SECOND}, scenario)
     all_drivers = (*mechanism.drivers, *_make_constant_drivers(mechanism, mechanism, start))
-    apart = mechanism.apart  # the same mechanism with every link of the file apart, in which forces of welds are found
+    apart = mechanism.apart  # the mechanism with a body for each link of the file, from which forces of welds are found
     if apart:
         apart = replace(apart, drivers=(*apart.drivers, *_make_constant_drivers(mechanism, apart, start)))
     return replace(mechanism, drivers=all_drivers, apart=apart, scenario=own.scenario, scenarios=own.scenarios)
 
 
 def _make_constant_drivers(mechanism: Mechanism, bodies: Mechanism, start: dict[str, Any]) -> list[AngleDriver | SlideDriver]:
-    """Return a driver for each angle and slide in `start`, which holds it at its value at the start of `mechanism`.
+    """Return drivers that hold each angle and slide in `start` at its value at the start of `mechanism`.
 
     Args:
-        bodies: the mechanism on whose bodies the drivers act: `mechanism` itself, or the same with every link apart.
+        bodies: the mechanism on whose bodies the drivers act: `mechanism`, or the same with a body for each link.
         start: {"angles": name -> value, "slides": name -> value}.
     """
     drivers: list[AngleDriver | SlideDriver] = []
@@ -240,9 +240,9 @@ def _hold_part(document: dict[str, Any], own: Mechanism, name: str, value: float
 
     Args:
         document: the linkage document, which is changed: a held pin becomes a weld in it.
-        own: the mechanism as its file has it.
+        own: the mechanism of the unchanged file.
         value: angle [deg] of the link or pin, or position [m] of the slide; None holds its value at the start of `own`.
-        start: a scenario's table `start`, to which a held angle [rad] or slide [m] is added; `_make_constant_drivers` keeps it.
+        start: a scenario's table `start`, to which a held angle [rad] or slide [m] is added for `_make_constant_drivers`.
     """
     joints = document.get("joints", {})
     slide = own.drivable.get(name)
@@ -265,7 +265,7 @@ def _hold_pin(document: dict[str, Any], own: Mechanism, name: str, value: float 
     """
     first, second = document["joints"][name]["at"]  # both as "link.point"
     first_link, second_link = (x.partition(".")[0] for x in (first, second))
-    # the ground cannot be welded: the other link's angle is held, which is that of the pin, negative if the ground comes second
+    # the ground cannot be welded, so the other link's angle is held: the pin's angle, or its negative if the ground comes second
     if first_link == "ground":
         return _hold_part(document, own, second_link, value, start)
     if second_link == "ground":
@@ -273,7 +273,7 @@ def _hold_pin(document: dict[str, Any], own: Mechanism, name: str, value: float 
     angle = _start_angle(own, second_link) - _start_angle(own, first_link) if value is None else float(np.radians(value))
     document["joints"] = {key: x for key, x in document["joints"].items() if key != name}
     sketch = dict(document.get("assembly", {}).get("sketch", {}))
-    if name in sketch:  # the sketch gave the position of this joint, which no longer exists: the point takes its place
+    if name in sketch:  # the removed joint has a position in the sketch, which becomes the position of its first point
         sketch[first] = sketch.pop(name)
         document["assembly"] = document["assembly"] | {"sketch": sketch}
     weld = {"link": second_link, "to": first_link, "points": [[first, second]], "angle": angle}
@@ -287,9 +287,10 @@ def _start_angle(mechanism: Mechanism, name: str) -> float:
 
 
 def start_value(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
-    """Return the start value [rad, m] of the coordinate that a driver table names; None for unknown names and for lengths.
+    """Return the start value [rad, m] of the coordinate that a driver table names, or None if it is unknown.
 
-    If the scenario's own driver moves this coordinate, the value is that of its law at time 0, else that of the assembled position.
+    A coordinate that the scenario drives has the value of the driver's law at time 0. An undriven angle or slide has its value in
+    the assembled position; an undriven length has none.
     """
     link, joint, between = table.get("link"), table.get("joint"), table.get("between", ())
     names = {"link": link, "joint": joint, "between": "-".join(between)}
@@ -305,7 +306,7 @@ def start_value(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
 def free_at_start(mechanism: Mechanism) -> list[str]:
     """Return names of coordinates that joints and drivers leave free at the start, such as "angle of rocker" or "slide piston".
 
-    They are as many as the degrees of freedom that are left: if all of them are held, nothing moves freely.
+    Their number is that of the remaining degrees of freedom: if all of them are held, nothing moves freely.
     """
     if mechanism.dof <= len(mechanism.drivers):
         return []

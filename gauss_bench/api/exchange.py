@@ -65,8 +65,8 @@ class Tuning(Result):
 
     @property
     def met(self) -> bool:
-        """Whether both errors are at most half of the required ones, and the error bar of the reference at most a tenth."""
-        is_precise = self.known <= self.motion_wanted / 10  # known: error bar of the reference
+        """Whether both errors are at most half of the required ones, and the error bar at most a tenth of `motion_wanted`."""
+        is_precise = self.known <= self.motion_wanted / 10
         return is_precise and self.loops_open <= self.loops_wanted / 2 and self.motion_error <= self.motion_wanted / 2
 
     @property
@@ -166,12 +166,12 @@ def export(
             writes programs itself (`program` in `gauss_bench.engines.base`).
         out: path of the file to write.
         scenario: name of a scenario; by default the first one that gives the motion a start.
-        tuned: find the largest step with which loops open by at most 1e-6 m and the motion is off by at most 1e-4 (m, rad), and
-            write the measured errors into the file.
+        tuned: find the largest step with errors of at most half of 1e-6 m (gaps of loops) and of 1e-4 m or rad (motion), and write
+            the measured errors into the file.
         step: integration step in the file [s]; by default 0.001.
         replace: whether an existing file may be replaced.
         budget: time limit of the search [s], by default 60. Measuring an exported program has a separate limit, which is equal but
-            at least 60 s. Only the processor time of the search and of the program counts against these limits.
+            at least 60 s. Time in which other programs had the processor is not counted.
         told: function that is called with each message of progress.
         position, angle, force: largest allowed errors [m], [rad], [N]. The file gets the engine's cheapest setting whose errors
             stay within them over the scenario's duration. If no setting is accurate enough, nothing is written.
@@ -400,7 +400,7 @@ def find_step(order: Order, budget: float, told: Told) -> Tuning:
     named = f"{mechanism.source}: {mechanism.name}"
     space = {kind.engine: [Variant(kind.settings, kind.integrator, kind.stabilization, {})]}
     wanted = {"position": MOTION, "angle": MOTION, LOOPS: OPEN}  # the Recommender accepts errors up to half of these
-    # a Recommender searches for the share SEARCHED of its budget; here nothing is timed afterwards, so the search may use it all
+    # a Recommender searches for the share SEARCHED of its budget; nothing is timed afterwards here, so the search gets it all
     search_budget = Budget(budget / SEARCHED)
     for until in shorten(min(max(mechanism.duration, SHORTEST), LONGEST)):
         try:

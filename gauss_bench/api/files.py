@@ -28,12 +28,12 @@ def writable(
 
     Args:
         option: the command-line option that named the path, for error texts.
-        usual: the default folder of such files; it need not exist if its parent does.
+        usual: the default folder of such files, which need not exist if its parent does.
         suffix: ending of the file to write; an existing file of another kind is never replaced.
         source: path of the subcommand's input file, which is never replaced.
 
     Raises:
-        FileRefused: the path is a folder, its folder cannot be written, or a file exists there and may not be replaced.
+        FileRefused: the path is a folder, its folder is missing or not writable, or a file exists there and may not be replaced.
     """
     path = Path(out)
     if path.is_dir() or not path.name:
@@ -66,7 +66,7 @@ def is_of_kind(path: Path, suffix: str) -> bool:
 
 
 def usable_folder(out: Path, usual: Path | None = None) -> Path:
-    """Return the folder `out` if it may be written; its parent must exist, unless it is the default folder `usual`.
+    """Return the folder `out` if it may be written; unless `out` is the default folder `usual`, its parent must exist.
 
     Raises:
         FileRefused: the path is a file, its parent does not exist, or writing is not permitted.
@@ -85,7 +85,7 @@ def usable_folder(out: Path, usual: Path | None = None) -> Path:
 def _check_writable(folder: Path, named: str) -> None:
     """Raise FileRefused if no file can be written into a folder; `named` begins the message.
 
-    The check is made before a long computation, whose result would be lost.
+    The check precedes a long computation, whose result would otherwise be lost.
     """
     try:  # permissions do not suffice: for root, folders of /proc and of read-only disks look writable
         TemporaryFile(dir=folder).close()
@@ -103,13 +103,13 @@ def check_files(
         kinds: name of an option -> file endings that the option accepts.
 
     Raises:
-        FileRefused: the ending of a file is unknown, a file is named twice, or `writable` refuses a file.
+        FileRefused: the option does not accept a file's ending, a file is named twice, or `writable` refuses a file.
     """
     files: dict[str, Path] = {}
     for name, path in asked.items():
         if path.suffix.lower() not in kinds[name]:
             raise FileRefused(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
-        # `realpath` does not fail on a loop of links, as `Path.resolve` does
+        # on a circle of symbolic links `Path.resolve` fails, and `realpath` does not
         if os.path.realpath(path) in [os.path.realpath(x) for x in files.values()]:
             raise FileRefused(f"--{name} {path}: is named twice")
         files[name] = writable(path, replace, f"--{name}", suffix=path.suffix.lower(), source=source)

@@ -1,7 +1,7 @@
 """The curves of a run, which `simulate --plot` draws and `--out` writes as a table.
 
-Groups: observed links, observed points, energies, joint forces, motors, transmission angles; inside a group, the order of the file.
-If the file observes no point and no link, all links are included. Joint forces have the signs of
+The groups of curves are: observed links, observed points, energies, joint forces, motors, transmission angles. Within a group, the
+curves have the order of the file. If the file observes no point and no link, all links are included. Joint forces have the signs of
 `gauss_bench.api.simulate.Simulation`.
 """
 
@@ -21,12 +21,12 @@ from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Group, History, Trajectory
 
-PER_TIME = ("", "/s", "/s^2")  # ends of the units of a position, a velocity and an acceleration, after "rad" or "m"
+PER_TIME = ("", "/s", "/s^2")  # endings of the units of a position, a velocity and an acceleration, after "rad" or "m"
 DIGITS = 10  # significant digits of a number in a CSV file
 
 
 def history(result: Simulation) -> History:
-    """Return the curves of a run at all its samples, which are about a millisecond apart; a run without samples has no curves.
+    """Return the curves of a run at all its samples; a run without samples has no curves.
 
     Joint forces are computed from the accelerations at every sample, which takes seconds for tens of thousands of samples.
     """
@@ -91,7 +91,7 @@ def forces(evaluator: Evaluator, x: Trajectory) -> Iterator[Curve]:
 
 
 def transmission(mechanism: Mechanism, q: Array) -> Iterator[Curve]:
-    """Yield the transmission angle [deg] of every dyad that closes on the crank or on driven links: 90 is best, 0 a dead centre.
+    """Yield the transmission angle [deg] of every dyad placed from the crank or driven links: 90 is best, 0 a dead centre.
 
     The transmission angle is the angle between two links on a pin, or between a rod and the normal of its slide's guide, folded
     into 0 to 90 degrees. A slide between two pinned links has no transmission angle.

@@ -32,7 +32,7 @@ UNITS = {  # units of the states of links and points, for the heads of columns
     **{"vx": "m/s", "vy": "m/s", "omega": "rad/s"},
     **{"ax": "m/s^2", "ay": "m/s^2", "alpha": "rad/s^2"},
 }
-LONGEST_TRAVEL = 2e4  # [rad, m] largest travel of a driver: solvers divide it into parts of a radian, and need some seconds for all
+LONGEST_TRAVEL = 2e4  # [rad, m] largest travel of a driver: solvers follow it in parts of at most 0.3 rad, which takes some seconds
 
 
 class DriverState(TypedDict):
@@ -245,7 +245,7 @@ def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
     """Return the curves of the forces and moments of joints, welds and drivers along a motion.
 
     Raises:
-        ChoiceError: dry friction leaves the loads undetermined, or its iteration does not converge.
+        ChoiceError: dry friction leaves the loads undetermined, or the iteration of the loads does not converge.
     """
     try:
         return tuple(metrics.load_curves(Evaluator(mechanism), states))
@@ -267,7 +267,7 @@ def _check_travel(mechanism: Mechanism, times: Array) -> None:
     """Check that no driver travels further than LONGEST_TRAVEL over the times (k,) [s].
 
     Raises:
-        ChoiceError: a driver does, or its law gives a value that is not a number.
+        ChoiceError: a driver travels further, or its law gives a value that is not a number.
     """
     for driver in mechanism.drivers:
         with np.errstate(all="ignore"):
@@ -280,9 +280,9 @@ def _check_travel(mechanism: Mechanism, times: Array) -> None:
 
 
 def _check_all_driven(mechanism: Mechanism) -> None:
-    """Check that the drivers leave no coordinate free; else raise a ChoiceError that says which ones to hold."""
+    """Check that the drivers leave no coordinate free; else raise a ChoiceError that names those to hold."""
     if free := free_at_start(mechanism):
-        # "crank" of "angle of crank", "piston" of "slide piston"
+        # names alone: "crank" of "angle of crank", "piston" of "slide piston"
         names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in free]
         options = "; ".join(f"`--hold {x}`" for x in names)
         raise ChoiceError(
@@ -305,7 +305,7 @@ def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
     """Compute the motion at times (k,) [s] by compiled loop closure.
 
     Raises:
-        ValueError: the drivers do not fit the linkage, or there is no compiler.
+        ValueError: the drivers do not fit the linkage, or llvmlite is not installed.
         LimitOfMotion, SingularPosition: the motion ends early; the exception has the motion up to there.
     """
     from gauss_bench.compiler.closure import compile_closure
@@ -315,7 +315,7 @@ def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
     laws = [[np.broadcast_to(x, np.shape(times)) for x in driver.law(times)] for driver in mechanism.drivers]
     sweep = closure.sweep(np.array(laws).reshape(len(laws), 3, len(times)).T)
     motion = Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
-    loss = sweep.loss  # where and why the motion ended early; None if it reached the last time
+    loss = sweep.loss  # where and why the motion ended early; None if the motion reached the last time
     if loss is None:
         return motion
     kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
@@ -328,9 +328,9 @@ METHODS: dict[str, Callable[..., Any]] = {"loop": loop_motion, "basic": basic_mo
 
 
 def columns(result: Kinematics) -> Iterator[tuple[str, Array]]:
-    """Yield name and values (k,) of every column of the table of a motion: times, drivers, links, points and loads.
+    """Yield name and values (k,) of every column of a motion's table: times, drivers, links, points and loads.
 
-    A law that is constant may give a single value in place of (k,).
+    A constant law may give a single value instead of k values.
     """
     yield "t [s]", result.t
     for driver in result.model.drivers:

@@ -13,7 +13,7 @@ from typing import Any
 from gauss_bench import __version__
 from gauss_bench.untrusted import harmless
 
-MOST_JOBS = 512  # largest number of workers, each of which takes a quarter of a GiB
+MOST_JOBS = 512  # largest number of workers, each of which takes a quarter of a GiB of memory
 DESCRIPTION = "Validation and benchmarking of closed-loop planar linkage dynamics."
 EXIT_CODES = (
     "Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or a faulty file, 70 a fault of gauss-bench "

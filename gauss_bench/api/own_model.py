@@ -65,7 +65,7 @@ def read_own_file(name: str | Path, close: tuple[str, ...], worker: Worker) -> O
 def read_as_plain_data(file: str, close: list[str]) -> dict[str, Any]:
     """Read a model file in a worker process, and return the fields of `OwnFile` as plain data.
 
-    In place of the mechanism stands the content of its linkage file ("document"). The keyframe ("key") of a URDF file is 0.
+    The content of the linkage file ("document") replaces the mechanism. The keyframe ("key") of a URDF file is 0.
     """
     path = Path(file)
     name = re.sub("[^A-Za-z0-9_]+", "_", path.stem)  # the linkage's name

@@ -33,7 +33,7 @@ from gauss_bench.trajectory import Status, Trajectory, in_a_sentence, spread_eve
 LIMIT = 60.0  # [s] default of the time for the run, its repetition with half the step, the reference and the program
 COMPILING = 20.0  # [s] limit of the C compiler
 RUNNING = 5.0  # [s] limit of a program in C
-OWN_LIMIT = 0.8  # share of its worker's limit that a program in Python gets, so that the program's own limit ends it first
+OWN_LIMIT = 0.8  # limit of a program in Python, as a share of its worker's limit: the program must be stopped before the worker
 COMPILED_STEP = 2e-6  # [s] time of a compiled step of a linkage of usual size
 QUICK, PRECISE = 1e-6, 1e-9  # error bars of the two references, relative to the linkage's size, and [rad]
 ROUGH = 1e-3  # largest error bar of a reference that is used, relative to the linkage's size, and [rad]
@@ -54,7 +54,7 @@ class ProgramError(Result):
         position, angle: largest error of any link's centre of mass [m] or angle [rad]; None if there is no reference.
         known: error bar of the reference [m, rad]; None if there is no reference.
         reference: how the reference was made, or why there is none.
-        measured_on: what was run to measure the error: the program itself, or the suite's run of the same setting.
+        measured_on: the run that was measured: the program itself, or the suite's run of the same setting.
     """
 
     status: str
@@ -116,7 +116,7 @@ def describe_reference(reference: str, known: float | None) -> str:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The largest errors of a run [m], [rad], and its reference: error bar and method; None and the reason if there is none."""
+    """The largest errors of a run [m], [rad], and the error bar and method of the reference, or the reason why there is none."""
 
     reference: str
     position: float | None = None
@@ -125,7 +125,7 @@ class Comparison:
 
 
 class ProgramFailed(Exception):
-    """Raised if a program fails; the message is the one that the program printed."""
+    """Raised if a program fails or prints rows that cannot be used; the message gives the reason."""
 
 
 def measure_program(
@@ -142,11 +142,11 @@ def measure_program(
 
     Args:
         source: text of the program if the program itself is run, else empty.
-        seconds: time for the run, its repetition at half the step, the program and the reference [s]: a quarter is for the suite's
-            run with its repetition, half is for the reference, and a program in Python gets what the run left of the first half.
+        seconds: time [s], a quarter each for the suite's run and for its repetition at half the step, and half for the reference. A
+            program in Python gets the rest of the first half, and at least a quarter.
 
     Raises:
-        ChoiceError: the steps of a program in C would take longer than a quarter of `seconds`.
+        ChoiceError: the steps would take longer than a quarter of `seconds`.
     """
     end, budget = mechanism.duration, Budget(seconds)
     steps, every = plan(end, choice.step)  # number of steps, and steps between the rows that the program prints
@@ -186,9 +186,9 @@ def measure_program(
 def run_program(
     run: Simulation, run_name: str, source: str, interpreter: Interpreter | None, seconds: float
 ) -> tuple[Trajectory | None, str]:
-    """Run a program, in Python for at most `seconds`; return its samples, and a text that says what was run.
+    """Run a program, in Python for at most `seconds`; return its samples, and a text that names the run.
 
-    If the program cannot be run here, these are the samples of `run`, the suite's run of its setting, and `run_name`.
+    If the program cannot be run here, the samples are those of `run`, the suite's run of the same setting, called `run_name`.
     `source` is empty if a program of this kind cannot be run on its own; `interpreter` is None for a program in C.
 
     Raises:
@@ -208,8 +208,8 @@ def run_program(
 def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Comparison:
     """Return the largest errors of a trajectory against a reference.
 
-    Computing references takes at most `seconds`. If the error bar of the first one, QUICK relative to the linkage's size, is more
-    than a tenth of the error, a second one with the error bar PRECISE follows. At most COMPARED samples are compared.
+    Computing references takes at most `seconds`. If the error bar of the first reference, QUICK relative to the linkage's size, is
+    more than a tenth of the error, a second reference with the error bar PRECISE follows. At most COMPARED samples are compared.
     """
     samples = trajectory[spread_evenly(len(trajectory.t), COMPARED)]
     size, budget = run.mechanism.size, Budget(seconds)
@@ -226,7 +226,7 @@ def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Comparison:
                 bars = truth.bars
                 if max(bars["position"] / size, bars["angle"]) > ROUGH:
                     reason = f"the motion is known to {format_errors(bars, KINDS)} only: {truth.description}"
-            if reason:  # the first reference, if there is one, is better than none
+            if reason:  # the first reference, if there is one, is used
                 return best if best.known is not None else Comparison(f"{best.reference}: {reason}")
             errors = state_errors(run.mechanism, samples, truth.at(run, samples.t)).largest
             best = Comparison(truth.description, errors["position"], errors["angle"], truth.bar)
@@ -236,7 +236,7 @@ def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Comparison:
 
 
 def refuse_far(mechanism: Mechanism, position: float, angle: float) -> str:
-    """Return the reason to refuse a motion whose errors [m], [rad] are larger than the judge allows; empty if they are not."""
+    """Return the reason to refuse a motion with errors [m], [rad] that the judge does not allow, or an empty text."""
     if not position <= OFF_MOTION * mechanism.size:
         return f"a link ends up {position:.2g} m from where it should be"
     return "" if angle <= OFF_MOTION else f"a link ends up turned by {angle:.2g} rad from where it should be"

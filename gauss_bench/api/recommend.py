@@ -45,7 +45,7 @@ class Recommendation(Result):
         answers: one answer per engine. First come the accurate settings that were timed, the fastest first, then the accurate
             settings that were not timed, and then the engines without an accurate setting.
         advice: the advice in one sentence.
-        remarks: sentences on what limits the validity of the answers.
+        remarks: sentences on limits of the answers.
         complete: whether every variant of every engine was tried.
     """
 
@@ -99,8 +99,8 @@ def recommend(
         scenario: name of a scenario; by default the first one that gives the motion a start.
         settings: settings of a single engine, as in `simulate`; the search then varies integrator, stabilization and step.
         budget: longest time of the whole call [s]; by default 60. Time in which other programs had the processor is not counted,
-            but the search ends at the latest when the elapsed time is 1.45 times the budget. The program of the recommended setting
-            is written even if the budget is used up.
+            but the elapsed time is at most 1.45 times the budget. The program of the recommended setting is written even if the
+            budget is used up.
         told: function that is called with each sentence of progress.
         better: function that is called with the first answer of an engine and with every cheaper one, before settings are timed.
         authors: files of settings that engines' authors have contributed. These settings get an answer of their own beside the
@@ -207,7 +207,7 @@ def list_owned(engines: Sequence[str], files: Sequence[str | Path]) -> dict[str,
 
 
 def order_engines() -> list[str]:
-    """Return the names of all engines, those that are slow last: the suite's own formulations in Python."""
+    """Return the names of all engines, with the slow ones last: the suite's own formulations in Python."""
     first, last = [*COMPILED, *DERIVED, *FOREIGN], [*OWN]
     return [*first, *(x for x in all_names() if x not in first + last), *last]
 
@@ -225,9 +225,9 @@ def list_variants(engine: Offer, settings: str | None = None) -> list[Variant]:
     tried = [x for x in tried if can_export(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
 
     def rank(x: Variant) -> tuple[int, bool]:
-        """Return the sort key of a variant: its place in the engine's own order, if there is one.
+        """Return the sort key of a variant: its place in the engine's own order, if the engine has one.
 
-        Otherwise the key is the place of the integrator in FIRST, and whether there is a stabilization, which comes second.
+        Otherwise the key is the place of the integrator in FIRST, with variants without stabilization before the others.
         """
         if engine.first:
             return place_in(engine.first, x.name), False
@@ -270,7 +270,7 @@ def recommended_answer(answers: Sequence[Answer]) -> Answer | None:
 
 
 def write_advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
-    """Return the advice: which setting to take, or what to do if no setting meets the requirement; the fastest answer is first."""
+    """Return the advice: which setting to take, or what to do if none meets the requirement; `answers` has the fastest first."""
     best = recommended_answer(answers)
     if best is None:
         return advise_without(answers, wanted)

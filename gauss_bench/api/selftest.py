@@ -21,7 +21,7 @@ class Planted(SelfTest, Result):
 
 
 def selftest(only: Sequence[str] = (), told: Told = nobody) -> Planted:
-    """Plant known faults in memory, and test that the suite's checks detect each of them, and none in the unaltered suite.
+    """Plant known faults in memory, and test that the suite's checks detect each fault, and none in the unaltered suite.
 
     Args:
         only: kinds of faults; by default all.

@@ -35,7 +35,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Caption, Reference, Status, Trajectory
 
 REPEATED = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # statuses of runs that are repeated at half the step
-# [s] shortest computing time of a step, of the smallest linkage on a fast machine: a run that needs more than its limit is refused
+# [s] least time of a step (smallest linkage, fast machine); a run whose steps would then exceed its time limit is refused
 QUICKEST_COMPILED, QUICKEST_INTERPRETED = 2e-8, 1e-4
 LIMIT = 600.0  # [s] default of the time limit of the worker process
 
@@ -110,7 +110,7 @@ class Metrics(TypedDict, total=False):
         position_drift: largest residual of the constraints [m, rad]; velocity_drift: largest rate of the residual [m/s, rad/s].
         acceleration_residual: largest second rate of the residual [m/s^2, rad/s^2].
         acceleration_error: median relative error of the accelerations at the run's own states.
-        energy_error: largest error of the balance of energy, work and losses [J]; energy_error_bar: error of its quadrature [J].
+        energy_error: largest error of the balance of energy, work and losses [J]; energy_error_bar: error of the quadrature [J].
         energy_scale: the larger of the largest kinetic energy and the range of the potential energy [J].
         steps: number of steps; null if the engine does not count them.
         shortened_steps: number of steps that were shortened to reach a requested time.
@@ -167,7 +167,7 @@ def name_run(mechanism: Mechanism, engine: str, choice: Choice) -> dict[str, Any
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Simulation(OneRun):
-    """A run, with its samples at k times. The fields that identify the run are those of `OneRun`.
+    """A run, with its samples at k times.
 
     Attributes:
         status: "ok", "skip", "invalid" if the run ended but the judge rejects it, or the kind of failure.
@@ -181,7 +181,7 @@ class Simulation(OneRun):
         valid: whether the run ended and the judge has no objection.
         objections: the judge's objections to the run, or to the part of a failed run before the failure.
         trusted_until: end of the part of the run to which the judge has no objection [s]; None if the run has no samples to judge.
-        advice: what may make an invalid run valid, or an empty text.
+        advice: changes that may make an invalid run valid, or an empty text.
         observed: names of the points and links that the linkage file observes.
         drivers: name of a driver -> torque [N m] or force [N] that the driver exerts (k,). Dictionaries leave `drivers` out if it
             is empty.
@@ -299,7 +299,7 @@ def simulate(
     samples = runs.run.samples
     if samples is None:
         return _without_samples(known, runs.run.status, runs.run.message)
-    with np.errstate(all="ignore"):  # overflow in a diverged run is an objection of the judge, not a warning of numpy
+    with np.errstate(all="ignore"):  # no warnings of numpy: the judge objects to a diverged run, which overflows
         try:
             return Simulation(**known, **_judge(mechanism, choice, runs, samples, at, forces))
         except (ArithmeticError, np.linalg.LinAlgError) as error:
@@ -320,7 +320,7 @@ class Runs:
 
     Attributes:
         reference: the motion from the certificate; None if there is none.
-        finer: the run repeated at half the step or a tighter tolerance; None if the run is judged without.
+        finer: the run repeated at half the step or a tighter tolerance; None if the run was not repeated.
         adaptive: whether the integrator chooses its own steps.
     """
 
@@ -331,9 +331,9 @@ class Runs:
 
 
 def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: float) -> Runs:
-    """Carry out a run within `limit` seconds, and repeat the run with a finer setting if the repetition is needed to judge it.
+    """Carry out a run, and repeat it with a finer setting if it cannot be judged otherwise; either takes at most `limit` seconds.
 
-    It is not needed if the motion is certified, and velocities and accelerations agree with the changes of the positions.
+    A run is not repeated if the motion is certified, and velocities and accelerations agree with the changes of the positions.
     """
     reference, finer = None, None
     worker = keep(request.engine)  # the worker that already described the engine
@@ -362,7 +362,7 @@ def _judge(mechanism: Mechanism, choice: Choice, runs: Runs, samples: Trajectory
     evidence, undecided = evidence_of(mechanism, choice, samples, runs.reference, runs.finer, adaptive=runs.adaptive)
     verdict, last = judge(evidence), float(samples.t[-1])  # last: time of the last sample [s]
     status = (Status.OK if verdict.valid else Status.INVALID) if is_complete else run.status
-    # the reason of the status comes first: the verdict's sentence for an invalid run, its own message for a failed one
+    # the reason of the status comes first: the verdict's sentence for an invalid run, the run's own message for a failed one
     reasons = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
     until = last
     if not verdict.valid:

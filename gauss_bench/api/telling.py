@@ -62,7 +62,7 @@ class Result:
         return by_name | {name: getattr(self, name) for name in self.computed}
 
     def to_json(self) -> str:
-        """Return the JSON that `--json` prints; numbers that are not finite become null, because JSON has none."""
+        """Return the JSON that `--json` prints; numbers that are not finite, which JSON lacks, become null."""
         return json.dumps(plain(self))
 
     def __getitem__(self, key: str) -> Any:
@@ -103,12 +103,12 @@ def _as_data(item: Any, convert: Callable[[Any], Any] = lambda x: x) -> Any:
 
 
 def plain(item: Any) -> Any:
-    """Return JSON data: arrays and tuples become lists, dataclasses become dictionaries, and numbers that are not finite None."""
+    """Return JSON data: arrays and tuples become lists, dataclasses dictionaries, and numbers that are not finite become None."""
     return _as_data(item, _plain_number)
 
 
 def _plain_number(x: Any) -> Any:
-    """Return a number or an array of numbers as JSON data: arrays become lists, and numbers that are not finite None."""
+    """Return a number or an array of numbers as JSON data: arrays become lists, and numbers that are not finite become None."""
     if hasattr(x, "tolist"):
         return plain(x.tolist())
     return None if isinstance(x, float) and not math.isfinite(x) else x

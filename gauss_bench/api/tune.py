@@ -48,7 +48,7 @@ REFERENCE = 0.5  # share of the budget for the reference
 ACCEPTED_SHARE = HALF.limit  # largest error of an accepted setting, relative to the required error
 SAMPLES = 200  # largest number of samples of a run
 HALVINGS = 10  # number of timesteps that are tried, each half of the one before
-STIFF = Mujoco.settings["tuned"]  # settings that make closures as stiff as documented options can
+STIFF = Mujoco.settings["tuned"]  # settings with the stiffest closures that MuJoCo's documented options allow
 # a setting of MuJoCo's interface that no attribute of MJCF expresses: a factor on the inverse masses that scale closures
 UNWRITABLE = {"body_invweight0": Mujoco.settings["rigid"]["body_invweight0_factor"]}
 IN_OPTION = ("timestep", "integrator", "tolerance", "iterations")  # attributes of <option>; the others are those of closures
@@ -68,7 +68,7 @@ class Tuned(Result):
         errors: kind of error -> largest error [m], [rad], [N] of the written file, or of the best setting if no file was written.
         reference: how the reference motion was made; known: kind of error -> error bar of the reference [m], [rad], [N].
         cost: processor time of the written model divided by that of the original, for the same motion; None if no file was written.
-        left_out: parts of the model file that the linkage made from it lacks.
+        left_out: parts of the model file that the linkage lacks.
         remarks: sentences on settings that were not tried, and on better settings that MJCF cannot express.
     """
 
@@ -130,7 +130,7 @@ class Judge:
     def try_setting(self, changes: Mapping[str, Any], path: Path | None = None) -> Tried:
         """Run the model file, or the file at `path`, with changed attributes, and compare the run with the reference."""
         step = float(changes.get("timestep", self.file.settings["timestep"]))
-        steps = max(1, int(self.run.until / step * (1 + 1e-12)))  # 1e-12: a quotient that rounding brings just below an integer
+        steps = max(1, int(self.run.until / step * (1 + 1e-12)))  # 1e-12: rounding may bring the quotient just below an integer
         times = step * np.unique(np.linspace(0, steps, min(steps, SAMPLES) + 1).round())  # (k,) [s], multiples of the step
         choice = Choice(setting_text(path or self.file.path, changes), "", "none", step)
         wanted = Sampling(times, step, count=steps, shortened=0)
@@ -160,7 +160,7 @@ def tune(
 
     Args:
         model: path of the file, which is judged at its keyframe and with the keyframe's controls.
-        out: path of the file to write; files that the model includes must be found from its folder.
+        out: path of the file to write; files that the model includes must be found from the folder of `out`.
         position, angle, force: largest allowed error of any link's centre of mass [m] or angle [rad], or of any joint force [N].
         until: end of the time over which the errors are compared [s]; by default five seconds, or less for a chaotic motion.
         allow_step: whether the timestep may be shortened if no setting is accurate enough at the file's own timestep.
@@ -220,8 +220,8 @@ def find_reference(
 ) -> tuple[float, Truth]:
     """Return the end of the runs [s], and the reference motion until this end.
 
-    If `until` is None, shorter durations are tried until the error bars are at most KNOWN times the required errors. If they never
-    are, the last reference is returned: the one over the shortest duration.
+    If `until` is None, shorter durations are tried until the error bars are at most KNOWN times the required errors. If no error
+    bars are small enough, the reference over the shortest duration is returned.
 
     Raises:
         ExchangeError: no reference could be computed, for any of the durations.
@@ -248,8 +248,8 @@ def find_reference(
 def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
     """Yield the changes (attribute -> value) that are tried at a timestep [s].
 
-    The first ones keep the solver parameters of the file's closures; the later ones replace them by stiff ones. Values that
-    the file already has are left out.
+    The first changes keep the solver parameters of the file's closures; the later changes set stiff parameters. Values that the
+    file already has are left out.
     """
     integrators = dict.fromkeys((file.settings["integrator"], "RK4", "implicitfast", "Euler"))  # the file's own first
     steps, damping = STIFF["solref"]  # a time constant in steps; MuJoCo's option refsafe allows no less than two
@@ -278,7 +278,7 @@ def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> T
         for changes in list_settings(judge.file, step):
             if judge.budget.remaining() <= 0:
                 return best
-            tried = judge.try_setting(changes) if changes else before  # without changes it is the file's own setting
+            tried = judge.try_setting(changes) if changes else before  # no changes: the file's own setting
             told(f"{describe_changes(changes)}: {describe_errors(tried)}")
             if tried.share < best.share:
                 best = tried
@@ -330,7 +330,7 @@ def _write_and_judge(judge: Judge, best: Tried, path: Path, draft: Path) -> tupl
 def race_there(mechanism: Mechanism, before: str, step_before: float, after: str, step_after: float) -> dict[str, float]:
     """Return {"ratio": ...}: processor time per second of motion with the model file `after`, divided by that with `before`.
 
-    It runs in a worker process. Blocks of steps of both models alternate, so that disturbances affect both alike.
+    Blocks of steps of both models alternate in this process (a worker), so that disturbances affect both alike.
     """
     engine, steps = get(ENGINE), (step_before, step_after)
     blocks = []

@@ -21,7 +21,7 @@ import numpy as np
 
 FOLDER = Path(__file__).parent
 PAPERS = ("yuan_ge_2016", "wang_2010", "men_2009")
-APART = 1e3  # a printed form counts as wrong only if its discrepancy is this many tolerances, far beyond rounding
+APART = 1e3  # a printed form counts as wrong only if its discrepancy exceeds this many tolerances, far beyond rounding
 
 Table = dict[str, Any]
 
@@ -34,7 +34,7 @@ class Verdict(StrEnum):
     WRONG = "wrong"  # the statement itself is false
     LOOSE = "loose"  # right under a condition that is not stated
     NOT_GIVEN = "not given"  # data that the paper leaves out; the intended form has the data that are assumed here
-    UNREADABLE = "unreadable"  # false in the text that was extracted from the paper, which probably lost or added a mark
+    UNREADABLE = "unreadable"  # false in the text that was extracted from the paper; the extraction probably lost or added a mark
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def resolve_form(module: str, form: Any) -> Any:
 def resolve_measure(module: str, chapter: Table, entry: Table) -> Callable[[Any], float]:
     """Return the measure of a line: a function form -> discrepancy, the largest over all cases if the measure has several.
 
-    `entry` is the table of the line; its key `on`, if there is one, is the last argument of the function that it names.
+    `entry` is the table of the line; the value of its key `on`, if there is one, is the last argument of the measure.
     """
     measure, list_cases = resolve_form(module, entry["measure"]), chapter.get("over", {}).get(entry["measure"])
     on = [entry["on"]] if "on" in entry else []
@@ -151,7 +151,7 @@ def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: fl
 def measure_line(line: Line) -> dict[str, Any]:
     """Return the row of a statement in the table `audit`: its texts, discrepancies, verdict, faults and the numbers of its example.
 
-    A statement that is right as printed has the verdict "ok", and else the claimed verdict, or "wrong" if "ok" was claimed.
+    The verdict is "ok" if the statement is right as printed, else the claimed verdict, or "wrong" if "ok" was claimed.
     """
     printed = line.measure(line.printed)
     intended = printed if line.intended is line.printed else line.measure(line.intended)

@@ -1,8 +1,9 @@
-"""The motion of the crank-slider as one equation for its crank angle th, in closed form, with any torque, damper or inertia.
+"""The motion of the crank-slider as one equation for the crank angle theta, in closed form, with any torque, damper or inertia.
 
-The angle of the rod is th2, with sin th2 = -l1/l2 sin th. With the derivatives d = dq/dth and e = d2q/dth2 of the coordinates of
-`crank_slider` and the crank's speed w, every acceleration that the constraints allow is a = d w' + e w^2. The true one is nearest
-to M^-1 Q in the metric of M (Gauss's principle). Some wrong formulas of Yuan and Ge (2016) minimise another distance:
+The angle of the rod is theta2, with sin theta2 = -l1/l2 sin theta. With the derivatives d = dq/dtheta and e = d2q/dtheta2 of the
+coordinates of `crank_slider` and the crank's speed w, every acceleration that the constraints allow is a = d w' + e w^2. The true
+one is nearest to M^-1 Q in the metric of M (Gauss's principle). Some wrong formulas of Yuan and Ge (2016) minimise another
+distance:
 
     w' = d . (R - W e w^2) / (d . W d)
 
@@ -10,15 +11,15 @@ to M^-1 Q in the metric of M (Gauss's principle). Some wrong formulas of Yuan an
     eq. (16), Moore-Penrose:       W = I,      R = M^-1 Q;     a is nearest to M^-1 Q in the Euclidean metric
     eqs. (10), (11) as printed:    W = M^-1,   R = M^-1 Q;     a is nearest to Q in the metric of M^-1
 
-F(theta) = d . Q(q, 0) is the static torque of weight and spring on the crank, with d = dq/dtheta. Under an applied torque tau, the
-crank is in equilibrium where F + tau = 0; this equilibrium is stable if dF/dtheta < 0.
+F(theta) = d . Q(q, 0) is the static torque of weight and spring on the crank. Under an applied torque tau, the crank is in
+equilibrium where F + tau = 0; this equilibrium is stable if dF/dtheta < 0.
 
 The equation of motion does not depend on time, so that two motions cannot cross in the plane of crank angle and speed. A crank that
 starts at rest and completes a turn is therefore faster at each angle of every later turn, and never stops. A crank that turns back
-before stays between two angles and comes to rest, because torque, weight and spring are conservative and the damper takes energy.
+earlier stays between two angles and comes to rest, because torque, weight and spring are conservative and the damper takes energy.
 
 In steady turning, with the travelled angle s = |theta| and the direction D = +-1, the speed u = |w| obeys du/ds = D w'/u. The time
-t, and the energy E lost in the damper c at the slider's place x3, are integrated together with u:
+t, and the energy E lost in the damper c at the slider's position x3, are integrated together with u:
 
     dt/ds = 1/u,    dE/ds = c (dx3/dtheta)^2 u
 """
@@ -45,8 +46,8 @@ MARGIN = 100.0  # distance from the first threshold at which the second search b
 SECOND_TOLERANCE = 1e-2  # factor on the tolerance of a second search, which shows the error of the integration
 TURN = 2 * np.pi
 SAMPLES = 2001  # in a turn: extremes of speed are then found to (2 pi / 2000)^2 / 8, about 1e-6 of their change
-STEADY = 1e-2  # relative: a turn that starts within this of the steady speed counts as steady
-TURNS = 500  # largest number of turns; the paper's example needs some 50 to become steady
+STEADY = 1e-2  # relative difference from the steady speed up to which the start of a turn counts as steady
+TURNS = 500  # largest number of turns; the paper's example needs about 50 to become steady
 POINTS = 4096  # in a turn, for the mean of a smooth periodic function: exact to rounding
 
 Seven = tuple[Any, ...]  # one entry for each of the paper's coordinates
@@ -79,7 +80,7 @@ class CrankMotion:
     def positions(self, theta: Any) -> tuple[Seven, Seven, Seven]:
         """Return q, dq/dtheta and d2q/dtheta2 at crank angles theta [rad]: seven entries each, which have the shape of theta.
 
-        For a single float `math` is used, because an integrator calls this a million times.
+        For a single float `math` is used, because an integrator calls this function a million times.
         """
         library = math if isinstance(theta, float) else np
         l1, l2, one = self.l1, self.l2, 0 * theta + 1.0  # one: the number 1, or ones in the shape of theta
@@ -122,7 +123,7 @@ class CrankMotion:
     def run(
         self, t_end: float, start: tuple[float, float] = (0.0, 0.0), rtol: float = RTOL, event: Event | None = None
     ) -> "CrankRun":
-        """Integrate from `start` (angle [rad], speed [rad/s]) to t_end [s], or until event(t, y) becomes 0, if it is `terminal`.
+        """Integrate from `start` (angle [rad], speed [rad/s]) to t_end [s], or until a terminal event(t, y) becomes 0.
 
         Raises:
             ArithmeticError: the integrator fails.
@@ -141,7 +142,7 @@ class CrankMotion:
 
 @dataclass(frozen=True, eq=False)
 class CrankRun:
-    """A run: times t (k,) [s], crank angles theta [rad], crank speeds w [rad/s], and whether its event function ended it."""
+    """A run: times t (k,) [s], crank angles theta [rad], crank speeds w [rad/s], and whether an event ended the run."""
 
     t: Array
     theta: Array
@@ -210,7 +211,7 @@ def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float] |
     """Return time [s] and speed [rad/s] at the end of the first turn from rest at theta = 0; None if the crank turns back before.
 
     Raises:
-        ArithmeticError: neither happens within LONGEST [s]: the parameters lie, within rounding, on the boundary.
+        ArithmeticError: neither happens within LONGEST [s]: the parameters lie, within rounding, on the boundary between both.
     """
     torque_at_start = float(motion.static_torque(0.0))
     if torque_at_start == 0.0:
@@ -229,10 +230,10 @@ def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float] |
 
 
 def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> tuple[float, float]:
-    """Return the value of a parameter between motions make(value) that come to rest and that turn for ever, and its uncertainty.
+    """Return the bound of a parameter between motions make(value) that come to rest and that turn for ever, and its uncertainty.
 
-    The bisection begins with the values `settled` and `running`, one of either kind, and ends when their relative distance is
-    `width`. The uncertainty is half the last distance plus the change of the result with a smaller tolerance of the integration.
+    The bisection begins with `settled` and `running`, a value of each kind, and ends when their relative distance is `width`. The
+    uncertainty is half the last distance plus the change of the result with a smaller tolerance of the integration.
 
     Raises:
         ValueError: the crank comes to rest with both values, or with neither.
@@ -250,7 +251,7 @@ def find_bound(make: Callable[[float], CrankMotion], settled: float, running: fl
 
 
 def integrate_slope(motion: CrankMotion) -> float:
-    """Return the integral of (dx3/dtheta)^2 over one turn of the crank [m^2]; x3 is the place of the slider."""
+    """Return the integral of (dx3/dtheta)^2 over one turn of the crank [m^2]; x3 is the position of the slider."""
     theta = np.arange(POINTS) * TURN / POINTS
     slope = motion.positions(theta)[1][6]  # dx3/dtheta: item 1 has the derivatives, and x3 is coordinate 6
     # the mean at equally spaced angles (trapezoidal rule) is exact to rounding for a smooth periodic function

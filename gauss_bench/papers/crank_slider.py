@@ -1,9 +1,9 @@
 """The example of Yuan & Ge (2016), section 4, in the paper's own seven coordinates, with its misprints corrected.
 
-    q = [x1, y1, theta1, x2, y2, theta2, x3]: centres of mass and angles of crank and rod, place of the slider
+    q = [x1, y1, theta1, x2, y2, theta2, x3]: centres of mass and angles of crank and rod, position of the slider
 
-The paper leaves out the slider's height and angle, which the linkage file `crank_slider` keeps. `states` are motions of that file,
-computed in the crank angle alone and therefore independent of the equations here. Most functions also take complex numbers, for
+The paper leaves out the slider's height and angle, which the linkage file `crank_slider` keeps. The accelerations of `states` are
+computed from that file in the crank angle alone, independently of the equations here. Most functions also take complex numbers, for
 derivatives by the complex-step method.
 """
 
@@ -51,10 +51,7 @@ def linkage() -> Mechanism:
 
 @cache
 def states(count: int = 24) -> tuple[ExampleState, ...]:
-    """Return the start of the example and `count` random states (fixed seed, speeds up to 30 rad/s) with true accelerations.
-
-    The accelerations are computed in the crank angle alone.
-    """
+    """Return the start of the example and `count` random states (fixed seed, speeds up to 30 rad/s) with true accelerations."""
     mechanism, kept = linkage(), list(KEPT)
     applied = Evaluator(mechanism).applied
     random, crank = random_states(mechanism, count), MinimalCoordinate(mechanism)

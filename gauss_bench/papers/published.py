@@ -1,8 +1,8 @@
 """Compare published reference values with the certified reference of the suite, and count how many of their digits are right.
 
 The published values are those of Andrews' squeezing mechanism at t = 0.03 s, in the angles of the problem's statement. Source:
-Mazzia and Magherini, Test Set for Initial Value Problem Solvers (2008), problem II-12. The authors computed the values by the
-solver PSIDE with both tolerances at 1e-14; later publications copied these values.
+Mazzia and Magherini, Test Set for Initial Value Problem Solvers (2008), problem II-12. The authors computed the values with the
+solver PSIDE at tolerances of 1e-14; later publications copied these values.
 """
 
 from typing import Any

@@ -33,7 +33,7 @@ SPAN = 4.0  # [s] longest time of the figures: on a longer axis the turns would 
 COLUMNS = {"x1": 0, "y1": 1, "theta1": 2, "x3": 6}  # of the paper's seven coordinates
 FORMULAS = {"true": TRUE, "eq16": EQ_16, "eqs10_11": EQS_10_11}
 
-Values = dict[str, tuple[float, float | None]]  # key of a row -> value and its uncertainty, None where exact to rounding
+Values = dict[str, tuple[float, float | None]]  # key of a row -> value and its uncertainty, None if exact to rounding
 
 
 def reproduction() -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """References and reference accelerations of a mechanism in its scenario, in double precision.
 
-Two integrators that share no code run the same equations, and their disagreement at each time is the error bar. The motion of a
-driven linkage is geometry: it needs no integration, and the error bar is the rounding of the loop closure.
+Two integrators that share no code run the same equations, and their largest disagreement up to each time is the error bar. The
+motion of a driven linkage is geometry: it needs no integration, and the error bar is the rounding of the loop closure.
 """
 
 from collections.abc import Callable, Iterable
@@ -23,7 +23,7 @@ Integrator = Callable[[BatchAcceleration, Array, Array, Array], tuple[Array, Arr
 INTERVAL = 1e-2  # [s] between samples; both integrators stop there, so that nothing is interpolated
 RTOL, ATOL = 1e-13, 1e-14  # tolerances of DOP853
 COLLOCATION_STEP = 1.25e-3  # [s] the error after 1 s of the six-bar is 2e-14 rad; with steps of 2.5e-3 s it is 5e-10 rad
-ROUNDING = 4 * np.finfo(float).eps  # relative; least error bar
+ROUNDING = 4 * np.finfo(float).eps  # relative size of the smallest error bar
 
 
 def sample_times(t_end: float) -> Array:
@@ -54,7 +54,7 @@ def build_reference(mechanism: Mechanism, t_end: float) -> Reference:
 
 
 def build_driven(mechanism: Mechanism, times: Array) -> Reference:
-    """Build the reference of a linkage with a driven angle at times (k,) [s] by its geometry alone."""
+    """Build the reference of a linkage with a driven angle at times (k,) [s] from its geometry."""
     motion = MinimalCoordinate(mechanism)
     levels = _join(motion.state_at(t) for t in times)  # q, v, a (k, n)
     bar_q, bar_v, bar_a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels)
@@ -152,9 +152,9 @@ def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = 
 def random_states(mechanism: Mechanism, count: int = 200, *, speed: float = 30.0) -> Samples:
     """Draw random states on the constraints, with their reference accelerations.
 
-    If one angle describes the linkage, the crank angle is random, and the crank speed is uniform in -`speed`..`speed` [rad/s]. If
-    the linkage is driven, the times are random within the scenario's duration. All remaining linkages are moved by a random walk,
-    with random velocities, of components in -3..3 along a basis of those that the constraints allow.
+    If one angle describes the linkage, this angle is random, and its speed is uniform in -`speed`..`speed` [rad/s]; if the angle is
+    driven, the times are random instead. Any other linkage moves by a random walk, at random times if it has drivers, with
+    velocities whose components along a basis of the allowed velocities are random in -3..3.
     """
     rng, minimal = np.random.default_rng(20160315), is_minimal(mechanism)
 

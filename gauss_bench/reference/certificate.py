@@ -37,7 +37,8 @@ class Certificate:
         name, scenario, digest: name, scenario and checksum of the linkage for which the certificate is valid.
         t: (k,) sample times [s]; q, v, a: (k, n) positions, velocities and accelerations.
         multipliers: (k, m) multipliers of M a + J^T lambda = Q; (k, 0) if redundant constraint rows leave them undetermined.
-        error_q, error_v, error_a, error_multipliers: (k,) largest difference of the two computed motions up to each time.
+        error_q, error_v, error_a, error_multipliers: (k,) largest difference of the two computed motions up to each time; 0 for q,
+            v and a of a closed form.
         floor_q, floor_v, floor_a: (k,) largest change up to each time if the parameters change by a relative 1e-16.
         digits: number of certified decimal digits of positions and velocities up to the last sample.
         duration: duration [s] of the motion that was to be certified; stopped: why the samples end before it, or empty.

@@ -35,7 +35,7 @@ DIGITS = 12
 MAX_SAMPLES = 500  # largest number of samples, so that files stay small
 MIN_SAMPLES = 50  # least number of samples, so that motions over milliseconds have samples too
 SPACING = Decimal("0.01")  # [s] usual distance of samples
-STEPS = 100  # least number of steps of the collocation, which also halves single steps that do not resolve the motion
+STEPS = 100  # least number of steps of the collocation, which also halves steps that do not resolve the motion
 HALVINGS = 2  # largest number of times that all steps are halved
 ENOUGH = 2.0**-54  # relative rounding of the stored doubles
 LEVELS = ("q", "v", "a")
@@ -57,11 +57,11 @@ def certify(
         scenario: name of a scenario of the file; with None the first scenario that has the table `start`.
         digits: number of digits that must be certified, of positions and of velocities relative to their largest values.
         until: end of the motion [s]; with None the scenario's duration is used.
-        report: function that is called with the name of a stage and the time [s] that it has reached; with None there is none.
+        report: function that is called with the name of a stage and the time [s] that it has reached, or None.
 
     Raises:
         LinkageError: the file has faults.
-        Uncertified: a force has no independent derivation, or no digits can be certified.
+        Uncertified: a force or coupling has no independent derivation, or no digits can be certified.
         ImportError: the extra that generates certificates is not installed.
     """
     mechanism = load(linkage, scenario)
@@ -83,7 +83,7 @@ def certify(
     if count < min(2, len(times)):
         raise Uncertified(f"{mechanism.name} in scenario {mechanism.scenario}: no sample can be certified: {reason}")
     stored = {level: getattr(truth, level)[:count].astype(float) for level in LEVELS}
-    multipliers = first.multipliers if len(first.times) >= count else None  # a closed form has none
+    multipliers = first.multipliers if len(first.times) >= count else None  # not of `truth`: a closed form has none
     stored["multipliers"] = np.zeros((count, 0)) if multipliers is None else multipliers[:count].astype(float)
     report("sensitivity", 0.0)
     floor = floors(document, mechanism, truth.times[:count])
@@ -117,7 +117,7 @@ def certify(
 
 
 def _refuse_unknown(mechanism: Mechanism) -> None:
-    """Raise Uncertified if a force or coupling has no independent derivation in `taylor`."""
+    """Raise Uncertified if `taylor` has no derivation of a force or coupling."""
     varying = {id(force) for force in mechanism.varying}
     for word, parts in (("force", mechanism.forces), ("coupling", mechanism.couplings)):
         for part in parts:
@@ -130,7 +130,7 @@ def sample_times(duration: float) -> list[str]:
     """Return sample times as decimal texts: multiples of a spacing, and the end of the motion as the last.
 
     The spacing is the smallest multiple of SPACING with at most MAX_SAMPLES times; for a short motion, SPACING is divided by ten
-    until there are MIN_SAMPLES.
+    until there are at least MIN_SAMPLES.
     """
     end = Decimal(repr(float(duration)))
     spacing = SPACING
@@ -171,7 +171,7 @@ def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
 
 
 def relative(motion: Motion, level: str, bars: Array) -> Array:
-    """Return error bars (k,) of "q", "v" or "a" (`level`), relative to its largest size up to the same time, or to 1 if larger."""
+    """Return error bars (k,) of "q", "v" or "a" (`level`), relative to 1 or, if larger, to the largest value up to that time."""
     largest = np.abs(getattr(motion, level)[: len(bars)].astype(float)).max(axis=-1, initial=0.0)
     return np.asarray(bars / np.maximum(1.0, np.maximum.accumulate(largest)))
 
@@ -186,7 +186,7 @@ def _collocate(
 ) -> tuple[Motion, float]:
     """Integrate by collocation with shorter and shorter steps; return the best motion and its step [s].
 
-    Steps are halved until the disagreement with `truth` is rounding, or no longer falls to a quarter.
+    Steps are halved at most HALVINGS times, until the disagreement with `truth` is rounding, or no longer falls to a quarter.
     """
     step, before = min(float(SPACING), max(float(first.times[-1]), 1e-9) / STEPS), np.inf
     best, best_step = None, step

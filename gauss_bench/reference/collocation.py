@@ -86,7 +86,7 @@ def gauss_legendre(
     Between two neighbouring times the steps are equal, and not longer than `step` [s].
 
     Raises:
-        NoConvergence: the iteration of a step stops improving while its changes are still larger than rounding errors.
+        NoConvergence: a step does not converge within ITERATIONS iterations.
     """
     method = gauss_tableau(stages, q0.dtype)
     c, b, bA = method.c, method.b, method.bA

@@ -32,7 +32,7 @@ def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
             return None
     except LinkageError:  # no built-in linkage has this name
         return None
-    with mpmath.workdps(DIGITS + 5):  # derivatives by differences lose up to five digits
+    with mpmath.workdps(DIGITS + 5):  # five more digits, for rounding in the formulas
         q, v, a = form(mechanism.name, [mpmath.mpf(t) for t in times])
     method = f"closed form in {DIGITS} digits, mpmath {mpmath.__version__}"
     return Motion(tuple(times), q, v, a, None, (0.0, 0.0), "", method)
@@ -49,7 +49,7 @@ def sample(coordinates: Callable[[Any], Numbers], t: Sequence[Any]) -> States:
 
 
 def stack_bodies(bodies: Sequence[tuple[Any, Any]]) -> Numbers:
-    """Return the coordinates (3 bodies,) of bodies, given the place (a complex number) and the angle of each."""
+    """Return the coordinates (3 bodies,) of bodies, given the position (a complex number) and the angle of each."""
     return np.array([x for place, angle in bodies for x in (place.real, place.imag, angle)])
 
 
@@ -121,7 +121,7 @@ def _projectile(name: str, t: list[Any]) -> States:
 
 
 def _sleigh(name: str, t: list[Any]) -> States:
-    """Return the motion of Chaplygin's sleigh, a body on a knife edge, which moves along its edge only.
+    """Return the motion of Chaplygin's sleigh, a body on a knife edge, which can move only along the edge.
 
     The knife edge lies at the distance `lead` behind the centre of mass. With v the velocity of the edge along the sleigh, w the
     angular velocity, b^2 = (I + m lead^2) / m and the constant V^2 = v^2 + b^2 w^2,

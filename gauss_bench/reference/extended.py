@@ -5,9 +5,9 @@ c_i h v + h^2 (A A a)_i and the velocities v_i = v + h (A a)_i, they must satisf
 
     M a_i + J(q_i)^T lambda_i = Q(q_i, v_i),    J(q_i) a_i = gamma(q_i, v_i)
 
-They are found by corrections x_i += P_i r_i, with the residuals r_i of these equations in long double, and the inverse P_i of [M
-J^T; J 0] in double precision. A correction both refines the linear system, and is a fixed-point iteration of the states at the
-nodes. After every step the state is projected onto the constraints, so that nothing drifts.
+The unknowns are found by corrections x_i += P_i r_i, with the residuals r_i of these equations in long double, and the inverse P_i
+of [M J^T; J 0] in double precision. Each correction refines the solution of the linear system, and is also a fixed-point iteration
+of the states at the nodes. After every step the state is projected onto the constraints, so that nothing drifts.
 
 The steps between two samples are equal. They are halved until the Legendre coefficients of the accelerations in a step decrease to
 RESOLVED; the error of Gauss quadrature is about the square of the last ones. A step ends wherever a derivative of a motion law
@@ -35,13 +35,13 @@ from gauss_bench.reference.refinement import EPS, SaddleInverse, Unsolved, corre
 from gauss_bench.terms import Array
 
 LONG = np.longdouble
-MANTISSA = 60  # least number of bits; on some platforms long double has no more than double
+MANTISSA = 60  # long double needs more bits than this; on some platforms it has no more than double
 SINGULAR = 1e-9  # least relative singular value: its inverse square, the condition of the multipliers, exceeds a double's digits
 STAGES = 10
 ITERATIONS = 40  # largest number of corrections in a step
 SETTLED = 1e-15  # relative size of corrections that are rounding if they do not shrink
 HALVINGS = 8  # largest number of times that steps are halved
-RESOLVED = 1e-9  # largest size of the last coefficients relative to the accelerations: the error of a step is below its square
+RESOLVED = 1e-9  # largest size of the last coefficients relative to the accelerations: the error of a step is below the square
 SMOOTH = 1e-13  # size of the last coefficients below which steps twice as long suffice: their coefficients are 2^9 times as large
 MOVED = 1e-2  # relative size of a correction after which the inverse is computed again
 HOPELESS = 0.1  # relative size of a correction that is too large after PATIENCE corrections
@@ -285,7 +285,7 @@ def _solve_nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step)
         step = correct(solved.inverse, linkage.residual(times, q, v, x))
         x, before = x + step, size
         size = float(np.abs(step[:, :n]).max() / (1.0 + np.abs(x[:, :n]).max()))
-        ratio = size / before if k else 1.0  # by which the corrections shrink: the next one will have about size * ratio
+        ratio = size / before if k else 1.0  # factor by which corrections shrink: the next one has about size * ratio
         if size * ratio <= EPS or (k > 1 and size < SETTLED and ratio > 0.5):  # the next correction would be rounding
             return x[:, :n]
         if k >= PATIENCE and not size < HOPELESS:  # also if the size is NaN

@@ -104,7 +104,7 @@ class MinimalCoordinate:
     def _close(self, q: Array, theta: Array) -> Closed:
         """Close the linkage at crank angles (k,) by Newton's method from q (k, n); return q, dq/dtheta and d2q/dtheta2.
 
-        The iteration is not that of `mechanism/close.py`, by which the linkages that the reference checks are closed.
+        The iteration is independent of `mechanism/close.py`, which closes the linkages that the reference checks.
 
         Raises:
             LostClosure: Newton's method does not converge.

@@ -20,7 +20,7 @@ from gauss_bench.mechanism.close import RANK_TOLERANCE
 from gauss_bench.terms import Array
 
 EPS = float(np.finfo(np.longdouble).eps)
-CORRECTIONS = 30  # largest number of corrections; with a condition number of 1e6 each finds ten digits
+CORRECTIONS = 30  # largest number of corrections; with a condition number of 1e6, each correction finds ten digits
 
 
 class Unsolved(ArithmeticError):
@@ -37,7 +37,7 @@ class SaddleInverse:
     """
 
     def __init__(self, mass: Array, J: Array, rank: int):
-        """Invert the matrix for the mass matrix's diagonal (n,) and Jacobians J (..., m, n) of a rank."""
+        """Invert the matrix for the diagonal `mass` (n,) of M, and Jacobians J (..., m, n) with the given rank."""
         n, m = J.shape[-1], J.shape[-2]
         root = np.sqrt(mass.astype(float))
         U, s, Vt = np.linalg.svd(J.astype(float) / root, full_matrices=False)
@@ -85,6 +85,6 @@ def solve_by_chord(residual: Callable[[Array], Array], inverse: Array, x: Array,
 
 
 def pseudo_inverse(A: Array) -> Array:
-    """Return the pseudo-inverses (..., n, m) of matrices A (..., m, n) in double precision, of rank by RANK_TOLERANCE."""
+    """Return the pseudo-inverses (..., n, m) of matrices A (..., m, n) in double precision, with the rank by RANK_TOLERANCE."""
     A = A.astype(float)
     return np.asarray(np.linalg.pinv(A, rcond=RANK_TOLERANCE)) if A.size else np.swapaxes(A, -1, -2).copy()

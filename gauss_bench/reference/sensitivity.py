@@ -3,9 +3,8 @@
 An engine that rounds decimals such as 0.37 to double precision computes the motion of a slightly different linkage. The distance
 between the two motions is the floor: errors below it say nothing about the engine.
 
-To find the floor, all numbers of the document are multiplied by 1 + delta xi with random xi in -1..1, and the motion is computed
-again. The perturbation delta is far above the rounding of both computations, and so small that the change of the motion is
-proportional to it.
+To find the floor, all parameters are multiplied by 1 + delta xi with random xi in -1..1, and the motion is computed again. The
+perturbation delta is far above the rounding of both computations, and so small that the change of the motion is proportional to it.
 """
 
 import copy

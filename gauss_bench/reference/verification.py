@@ -1,8 +1,8 @@
 """Verification of a certificate in double precision, which is cheap, and independent of the code that made the certificate.
 
-Several short intervals of the motion (windows) are integrated again by DOP853 from a certified state to the next, so that errors do
-not grow over the whole motion. All samples must satisfy the constraints, and the equations of motion M a + J^T lambda = Q with the
-certified multipliers.
+Several short intervals of the motion (windows) are integrated again by DOP853, each from a certified state to a later one, so that
+errors do not grow over the whole motion. All samples must satisfy the constraints, and the equations of motion M a + J^T lambda = Q
+with the certified multipliers.
 """
 
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ class Verification:
         digits: number of certified digits.
         windows: number of short time intervals that were integrated again, each from a certified state.
         state_error: largest error of positions or velocities at the end of such an interval, relative to the largest position or
-            velocity of the motion.
+            velocity of the motion, or to 1 if that is larger.
         balance_error: largest residual of the constraints and of the equations of motion, relative to the size of their terms.
     """
 

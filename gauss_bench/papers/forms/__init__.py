@@ -5,6 +5,6 @@ Each module has the formulas of one or more chapters of the data files:
 - `link_units`, `loops`: Wang et al. 2010, on exact derivatives and on the motions of linkage files.
 - `points`: Men et al. 2009, on the shaper.
 
-A function NAME_off is a measure: it returns the discrepancy of a form (its first argument) from a reference, a number >= 0. Its
-second argument, if the data file gives cases, is one case.
+A function NAME_off is a measure: it returns the discrepancy of a form (its first argument) from a reference, a number >= 0. If the
+data file gives cases, its second argument is a case.
 """

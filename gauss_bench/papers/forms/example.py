@@ -36,7 +36,7 @@ def mass_off(form: Callable[[], Array]) -> float:
 def power_off(s: ExampleState, f: float, a: Array) -> float:
     """Return the power v . (M a + f - Q) at the state s, divided by |v| . (|M a| + |Q|).
 
-    By eq. (20), M a + f = Q - J^T lambda, it is the power of the constraint force, which is zero for the true a and f = 0.
+    By eq. (20), M a + f = Q - J^T lambda, this is the power of the constraint force, which is zero for the true a and f = 0.
     """
     inertia = crank_slider.mass() * a
     return float(abs(s.v @ (inertia + f - s.Q)) / (np.abs(s.v) @ (np.abs(inertia) + np.abs(s.Q))))
@@ -113,7 +113,7 @@ def start_off(form: list[float]) -> float:
 def figures_off(form: list[int]) -> float:
     """Return the number of figures that are wrong or missing in the range form = [first, last].
 
-    Right are the figures 2 to 5, which show the crank's centre.
+    The right figures are 2 to 5, which show the crank's centre.
     """
     first, last = form
     return float(len({2, 3, 4, 5} ^ set(range(first, last + 1))))

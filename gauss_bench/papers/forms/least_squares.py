@@ -30,7 +30,7 @@ from gauss_bench.papers.forms import problems
 from gauss_bench.papers.forms.problems import CRANK, Problem, count_off, draw, relative
 from gauss_bench.terms import Array
 
-RCOND = 1e-10  # relative to the largest singular value: rounding leaves 1e-15, the problems have 1e-4 or more
+RCOND = 1e-10  # relative to the largest singular value: rounding leaves 1e-15, and the smallest that count are 1e-4 or more
 Form = Callable[..., Array]
 Rate = Callable[[Number, Number], Number]  # function of q and v: the rates J v of the constraints, which a motion keeps at zero
 
@@ -104,7 +104,7 @@ def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
     """Return (function J v of q and v, q, v, a) at instants of motions of the crank-slider and of a knife edge on a circle."""
     radius, omega, theta = 0.7, 3.0, 0.4  # [m], [rad/s], [rad] of the circular motion
     along, across = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
-    # the knife edge is at the origin, and the centre of the circle is at the distance `radius` across its direction
+    # the knife edge is at the origin, and the centre of the circle is at the distance `radius` across the edge
     on_circle = np.array([0.0, 0.0, theta]), np.append(radius * omega * along, omega), np.append(radius * omega**2 * across, 0.0)
     return [
         *((lambda q, v: np.asarray(crank_slider.jacobian(q) @ v), s.q, s.v, s.a) for s in crank_slider.moving_states()),
@@ -220,7 +220,7 @@ def normal_sides(A: Array, b: Array, h: Array) -> tuple[Array, Array]:
 
 
 def sides_off(form: Callable[[Array, Array, Array], tuple[Array, Array]], p: Problem) -> float:
-    """Return the relative difference of the sides form(A, b, h) at the minimum of |A h - b|, which the true accelerations are."""
+    """Return the relative difference of the sides form(A, b, h) at the true accelerations, which minimise |A h - b|."""
     return relative(*form(matrix(p), vector(p), p.a))
 
 
@@ -312,7 +312,7 @@ def constraints_off(form: Form, p: Problem) -> float:
 
 
 def difference_off(factor: float, p: Problem) -> float:
-    """Return the error of `factor` times -N M^-1 J^T lambda as the difference a_true - a_(16), relative to the accelerations."""
+    """Return the difference of `factor` times -N M^-1 J^T lambda from a_true - a_(16), relative to the accelerations."""
     wrong = euclidean(p)
     predicted = -projector(p) @ np.linalg.solve(p.M, p.J.T @ p.multipliers)
     scale = max(np.abs(wrong).max(), np.abs(p.a).max(), np.abs(free_motion(p)).max())

@@ -2,13 +2,13 @@
 
     vector unit A(phi, s),   Jacobian unit J = dA/d(phi, s),   Jacobian-rate unit J' = dJ/dt
 
-A leads from the element (pin, block or guide) at which a loop enters the link to the element at which it leaves it. phi is the
+A leads from the element (pin, block or guide) at which a loop enters the link to the element at which the loop leaves. phi is the
 angle of the link, s the position along a slide. The kinds of paths through links are:
 
     RRR1:           a link with three pins, from the first to the second (length l)
     RRR1 second:    the same link, from the first to the third (length l', turned by alpha)
     RP1:            a link with a pin and the block of a slide, whose axis passes the pin at the distance e
-    RP2:            a link with a pin and the guide of a slide, whose axis passes the pin at the distance e; s is the place on it
+    RP2:            a link with a pin and the guide of a slide, whose axis passes the pin at the distance e
 
 For RP2, the paper prints the rate of phi in the last term of column 1 of J', where the rate of s must stand. A form of this column
 is a list with the name of that rate, ["s_rate"] or ["phi_rate"].
@@ -141,7 +141,7 @@ def column_2_off(form: Callable[[Pose], Array], p: Pose) -> float:
 
 
 def difference_off(factor: float, p: Pose) -> float:
-    """Return the error of `factor` (phi' - s') [sin phi; -cos phi] as the true minus the printed column 1 of J' of RP2."""
+    """Return the difference of `factor` (phi' - s') [sin phi; -cos phi] from the true minus the printed column 1 of J' of RP2."""
     claimed = factor * (p.phi_rate - p.s_rate) * np.array([np.sin(p.phi), -np.cos(p.phi)])
     return float(np.abs(claimed - (true_rate(p)[:, 0] - rate_column_1(p, "phi_rate"))).max())
 

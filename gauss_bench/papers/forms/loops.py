@@ -34,7 +34,7 @@ from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
 DRIVEN = ("four_bar", "six_bar", "shaper", "eight_bar")
-TIMES = (0.2, 0.37, 0.8)  # [s] in a cycloidal turn of 1 s; the acceleration of the crank has either sign
+TIMES = (0.2, 0.37, 0.8)  # [s] in a cycloidal turn of 1 s; the acceleration of the crank has both signs
 ALPHA = np.radians(50.0)  # between d-e and d-c of the six-bar's ternary link
 LENGTHS = (0.10, 0.30, 0.28, 0.24, 0.36)  # l1, l2, l3, l3', l5 of the six-bar [m], which are the linkage file's
 RAIL = np.radians(-45.0)  # direction of the six-bar's slide
@@ -175,7 +175,7 @@ def ones_off(form: list[list[str]]) -> float:
 
 
 def columns_off(form: list[int], linkage: DrivenLinkage) -> float:
-    """Return the largest error of form[0] t + form[1] g + form[2] b as the number of columns of a link's Jacobian J.
+    """Return the largest error of a claimed number of columns of a link's Jacobian J, form[0] t + form[1] g + form[2] b.
 
     t is 1 if the link can turn, else 0; g and b are the numbers of guides (or rod ends) and blocks at which the loop enters and
     leaves it.
@@ -184,7 +184,7 @@ def columns_off(form: list[int], linkage: DrivenLinkage) -> float:
     for path, slides, _ in chain.from_iterable(linkage.equations.paths):
         kinds = [path.enter.kind, path.leave.kind]
         guides = sum(kind in MOVING for kind in kinds)
-        unit = path.link_unit(0.0, 0.0, linkage.x[slides], linkage.rate[slides])  # its shape does not depend on the angle 0.0
+        unit = path.link_unit(0.0, 0.0, linkage.x[slides], linkage.rate[slides])  # the shape of J is that at any angle
         errors.append(count_off(form, (int(path.turns), guides, kinds.count("block")), unit.J.shape[1]))
     return worst(errors)
 
@@ -201,30 +201,31 @@ def list_counted() -> list[LoopEquations]:
 
 
 def unknowns_off(form: list[int], equations: LoopEquations) -> float:
-    """Return the error of form[0] loops + form[1] redundant constraints as the number of unknowns."""
+    """Return the error of a claimed number of unknowns, form[0] loops + form[1] redundant constraints."""
     return count_off(form, (len(equations.paths), equations.mechanism.redundant), len(equations.unknown))
 
 
 def incidence(graph: LinkageGraph, oriented: bool) -> Array:
     """Return the incidence matrix by networkx, with a row for each link (the frame last) and a column for each pair.
 
-    A column has ones in the rows of the pair's two links; if `oriented`, the first of them is -1.
+    A column has ones in the rows of the pair's two links; if `oriented`, that of the first link is -1.
     """
     links, edges = [*range(graph.links), GROUND], [(*pair.links, pair.name) for pair in graph.pairs]
     return np.asarray(nx.incidence_matrix(nx.MultiGraph(edges), links, edges, oriented).toarray())
 
 
 def loop_count_off(form: list[int], graph: LinkageGraph) -> float:
-    """Return the error of form[0] pairs + form[1] links + form[2] as the number of loops, the dimension of the space of cycles."""
+    """Return the error of a claimed number of loops (dimension of the space of cycles), form[0] pairs + form[1] links + form[2]."""
     matrix = incidence(graph, oriented=True)
     links, pairs = matrix.shape
     return count_off(form, (pairs, links, 1), pairs - int(np.linalg.matrix_rank(matrix)))
 
 
 def incidence_off(diagonal: bool) -> float:
-    """Return the share of wrong entries in the paper's incidence matrices: i, j is 1 if joint j is on link i.
+    """Return the share of wrong entries in the paper's incidence matrices, whose entry (i, j) is 1 if joint j is on link i.
 
-    If `diagonal`, only entries of the diagonal may be 1. The number of wrong entries is divided by that of the true ones.
+    If `diagonal`, only entries of the diagonal may be 1. The number of wrong entries is divided by the number of ones in the right
+    matrices.
     """
     wrong = ones = 0
     for graph in list_graphs():
@@ -244,7 +245,7 @@ def neighbours(loop: str) -> frozenset[frozenset[str]]:
 
 
 def loops_off(form: dict[str, list[str]]) -> float:
-    """Return the number of loops that only the paper has (`form`: linkage -> its loops "joint-joint-...") or only the suite."""
+    """Return the number of loops that are not both in the paper (`form`: linkage -> loops "joint-joint-...") and in the suite."""
     count = 0
     for name, loops in form.items():
         own = {neighbours(str(loop)) for loop in find_graph(load(name)).loops}
@@ -291,7 +292,7 @@ def blocks_off(form: Callable[[Array, Array], Blocks], linkage: DrivenLinkage) -
 
 
 def straight() -> Laws:
-    """Return a straight line in place of each law of motion, for which the paper prints no formula."""
+    """Return a linear function for each motion law, because the paper prints no formulas of them."""
     return dict.fromkeys(LAWS, lambda u: u)
 
 

@@ -31,7 +31,7 @@ from gauss_bench.terms import Array
 POSITIONS = 72  # number of positions of the linkage in a turn of the crank, 5 degrees of crank angle apart
 SEED, STARTS = 2009, 100  # seed and number of random starts
 NEAREST = 1e-6  # [rad] least angle from the direction in which the quotient is undefined; at smaller angles rounding prevails
-SAME = 1e-6  # [m] largest distance of equal points, far below the distance of two assemblies
+SAME = 1e-6  # [m] distance up to which points count as equal, far below the distance of two assemblies
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Shaper:
     rod: float
 
     def turn(self, angle: float) -> "Shaper":
-        """Return the whole drawing turned about O1."""
+        """Return the shaper turned about O1 by an angle [rad]."""
         rotation = np.exp(1j * angle)
         O2, A, B, C = (self.O1 + complex(rotation * (point - self.O1)) for point in (self.O2, self.A, self.B, self.C))
         return replace(self, O2=O2, A=A, B=B, C=C)
@@ -121,7 +121,7 @@ def collinear_off(form: list[str], x: Shaper) -> float:
     return float(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
 
 
-# function of O1, A and B that returns the residual of the third of eqs. (2), by which the three points lie on one line
+# function of O1, A and B that returns the residual of the third of eqs. (2), which states that the three points are collinear
 LineEquation = Callable[[complex, complex, complex], float]
 
 
@@ -153,10 +153,10 @@ def line_off(form: LineEquation) -> float:
 
 
 def find_pin(form: LineEquation, x: Shaper, start: complex) -> complex:
-    """Return the place of the pin B that Newton's method, from `start`, finds as solution of |B - O1| = L_O1B and `form` = 0."""
+    """Return the position of the pin B that Newton's method finds from `start`, the solution of |B - O1| = L_O1B and `form` = 0."""
 
     def residuals(place: Array) -> Array:
-        """Return the residuals (2,) of the lever's length and of `form` with B at a place (2,)."""
+        """Return the residuals (2,) of the lever's length and of `form` with B at a position (2,)."""
         B = complex(place[0], place[1])
         return np.array([(abs(B - x.O1) / x.lever) ** 2 - 1, form(x.O1, x.A, B)])
 

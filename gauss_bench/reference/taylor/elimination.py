@@ -1,6 +1,6 @@
 """Gaussian elimination with an order of pivots fixed beforehand, on sparse rows of numbers, arrays or symbols.
 
-The order is chosen at one state, and used for all states near it. Among the entries that are not small in their row, each pivot is
+The order is chosen at one state, and used for all states near it. Among the entries that are not small in their row, the pivot is
 the one with the least fill-in (Markowitz). In a system A x = b of full row rank with more unknowns than rows, the unknowns u
 without a pivot are free, and the general solution is x = x0 + N u:
 
@@ -44,7 +44,7 @@ def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivot
     """Choose pivots for a matrix A (m, n) by the least fill-in, among entries that are large enough for an accurate elimination.
 
     Args:
-        structure: (m, n) true for entries that are not zero at every state.
+        structure: (m, n) false for entries that are zero at every state.
         floor: rows whose remaining entries are at most this size get no pivot.
     """
     A, structure = A.astype(float).copy(), structure.copy()
@@ -55,7 +55,7 @@ def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivot
         sizes = np.abs(A[np.ix_(rows, columns)])  # of the entries that remain
         largest = sizes.max(axis=1, initial=0.0)
         pattern = structure[np.ix_(rows, columns)]
-        # Markowitz's bound for the number of new entries if this entry becomes the pivot
+        # Markowitz's bound for the number of new entries if an entry becomes the pivot
         fill = (pattern.sum(axis=1) - 1)[:, None] * (pattern.sum(axis=0) - 1)[None, :]
         usable = (sizes >= SMALL * largest[:, None]) & (sizes >= TINY * largest.max()) & (sizes > floor)
         if not usable.any():

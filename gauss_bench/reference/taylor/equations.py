@@ -30,7 +30,7 @@ from gauss_bench.reference.taylor.rows import Law, LoopRows
 from gauss_bench.reference.taylor.vector_sums import NONE, Instant
 from gauss_bench.terms import Array
 
-REDUNDANT = 1e-9  # size of an entry that counts as zero: far above rounding in double precision, far below a usable pivot
+REDUNDANT = 1e-9  # largest size of an entry that counts as zero: far above rounding in double precision, far below a usable pivot
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tup
     Args:
         at: the vectors at a single state.
         scale: (n,) scales of the coordinates as in `Chart`; by default the largest entry of each column of A at this state, or 1 if
-            it is smaller than REDUNDANT.
+            that is at most REDUNDANT.
     """
     n = rows.coordinates.n
     entries = rows.entries(at)

@@ -1,4 +1,4 @@
-"""Motion laws of drivers as formulas of time, for a linkage of which only a part of the motion is driven.
+"""Motion laws of drivers as formulas of time, for a linkage whose motion is driven only in part.
 
 Time is divided into pieces at the breaks of all laws, so that every law is smooth within a piece. The values at both ends of a
 piece are taken from the motion law of the mechanism. The formulas for the times in between are derived here a second time:
@@ -35,11 +35,11 @@ class Piece:
     number: Number
 
     def laws(self, t: Value, arithmetic: Arithmetic) -> list[Law]:
-        """Return the value, rate and second rate that each driver prescribes at a time t within this interval of time."""
+        """Return the value, rate and second rate that each driver prescribes at a time t within this interval."""
         return [self._law(driver, table, t, arithmetic) for driver, table in self.drivers]
 
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
-        """Return the value, rate and second rate that one driver prescribes at a time t within this interval of time."""
+        """Return the value, rate and second rate that one driver prescribes at a time t within this interval."""
         value, rate, second = driver.law(self.begin)
         zero, origin, breaks = rate - rate, self.begin, find_breaks(table, self.number)  # zero in the type of number
         coefficients = [value, rate, second / 2]  # a constant rate, unless one of the cases below holds

@@ -78,7 +78,7 @@ def sample(
         q[:, 3 * i + 2] = q[:, 3 * i + 2] + turn
     velocity = absolute(at.variation(v), v)
     acceleration = absolute(at.variation(a), a) + absolute(at.bias(v), {})
-    # residuals of the loops; usually a thousand roundings, but 1e-12 if decimals of the file contradict each other
+    # residuals of the loops: usually about a thousand roundings, but 1e-12 if decimals of the file contradict each other
     laws = rows.laws(states.t)
     gaps = stack_arrays([*rows.residuals(at, laws), *coordinates.turn_gaps], zero)
     rate_gaps = multiply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), zero)
@@ -87,7 +87,7 @@ def sample(
         raise Inconsistent(f"the loops are open by {gap:.1e} m or rad, and their rates differ by {rate_gap:.1e} per second")
     Q = stack_arrays(Loads(coordinates, at, v).flat(), zero)
     multipliers, imbalance = joint_forces(reactions(coordinates, at), Q - mechanism.mass * acceleration, redundant, eps)
-    if not imbalance < BALANCE / ROUNDING * eps:  # BALANCE holds for 128 bit; it is scaled to the rounding of this type
+    if not imbalance < BALANCE / ROUNDING * eps:
         raise Inconsistent(f"the equations of motion are satisfied only to {imbalance:.1e} of the joint forces")
     return Motion(tuple(times), q, velocity, acceleration, None if redundant else multipliers, (gap, rate_gap), stopped, method)
 

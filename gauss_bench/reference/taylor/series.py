@@ -5,7 +5,7 @@ The library heyoka expands the solution in a Taylor series of order 40, with ste
 A chart is a choice of free coordinates: the others are eliminated from the constraint rows in an order of pivots that is good at
 the present position. If a pivot has become small after a step, another chart is chosen. If a pivot changes its sign within a step,
 that step is repeated with half the length. At a singular position no order has pivots that are large enough. The motion ends there,
-even if the series could continue it: two branches of the motion cross, and the equations do not determine which of them it follows.
+even if the series could continue it: two branches of the motion cross there, and the equations do not determine which is followed.
 Sources: Biscani and Izzo, Monthly Notices of the Royal Astronomical Society 504 (2021), on heyoka; Jorba and Zou, Experimental
 Mathematics 14 (2005), on orders and steps.
 """
@@ -27,9 +27,9 @@ from gauss_bench.reference.taylor.rows import LoopRows, loop_rows, start_state
 from gauss_bench.reference.taylor.samples import LoopStates, sample
 from gauss_bench.reference.taylor.vector_sums import LoopCoordinates, at_states
 
-WORN = 0.1  # size of a pivot, in units of its coordinate, below which another chart is chosen
+WORN = 0.1  # size of a pivot, relative to the scale of its coordinate, below which another chart is chosen
 WEAKER = 0.5  # if the best chart has smaller pivots, the next chart is chosen when its smallest pivot has halved
-GOOD_ENOUGH = 0.7  # least ratio of smallest pivots, to the best chart's, with which a chart that is already compiled is preferred
+GOOD_ENOUGH = 0.7  # a compiled chart is preferred if its smallest pivot is larger than this share of the best chart's
 SINGULAR = 1e-5  # size of a pivot below which a position counts as singular: it costs five of thirty-three digits
 COLLAPSED = 1e-7  # length relative to the longest step: shorter steps show a singularity that is not in the pivots
 PARTS = 4  # number of times within a step at which the pivots are computed
@@ -140,7 +140,7 @@ class March:
         return LoopStates(*(np.concatenate([getattr(part, level) for part in parts]) for level in "txva")), stopped
 
     def _change_chart(self, chart: Chart, k: int, state: Long) -> tuple[Chart, Pivots]:
-        """Return a better chart at a state within time interval k, and its pivots.
+        """Return a better chart at a state within piece k of the motion laws, and its pivots.
 
         A chart that is compiled already is preferred if its smallest pivot is larger than GOOD_ENOUGH times that of the best chart.
         """

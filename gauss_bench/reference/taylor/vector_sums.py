@@ -30,7 +30,7 @@ from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Prismat
 from gauss_bench.reference.taylor.arithmetic import NUMBERS, Arithmetic, Long, Value, Vector, perp, plus, product, scale_by, total
 from gauss_bench.terms import Array
 
-NONE = -1  # in place of the index of an angle: the vector does not turn; in place of that of a displacement: its length is 1
+NONE = -1  # as the index of an angle: the vector does not turn; as the index of a displacement: the length of the vector is 1
 
 Key = tuple[int, int]  # (angle, displacement): vectors with the same key differ by a constant factor
 
@@ -158,7 +158,7 @@ class LoopCoordinates:
             x[k : k + 2] = z[link].real, z[link].imag
 
         def world(p: Point) -> complex:
-            """Return the place [m] of a point in the world as a complex number."""
+            """Return the position [m] of a point in the world as a complex number."""
             local = complex(*(float(c) for c in p.local))
             return local if p.link == GROUND else complex(z[p.link] + np.exp(1j * theta[p.link]) * local)
 
