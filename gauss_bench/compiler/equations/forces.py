@@ -26,8 +26,8 @@ from gauss_bench.mechanism.motion_laws import STEADY, Factor
 from gauss_bench.mechanism.spaces import Vec, angle_slot, dot, slots
 
 FLAT = 20.0  # |x| from which on |tanh(x)| is 1 to rounding
-DOUBLINGS, TERMS = 8, 11  # y = 2 FLAT / 2^8 = 0.16 at most: the next term y^12 / 12! is below a thousandth of rounding
-SMALLEST = 1e-300  # [N, N m] least divisor, which takes the place of a force of size zero
+DOUBLINGS, TERMS = 8, 11  # |y| <= 2 FLAT / 2^8 = 0.16: the next term y^12 / 12! is 4e-19, far below rounding
+SMALLEST = 1e-300  # [N, N m] smallest divisor, used in place of a force of size zero
 
 
 def generalised_force(links: Links) -> dict[int, Node]:
