@@ -16,7 +16,7 @@ from typing import NamedTuple
 from gauss_bench.compiler.machine.graph import LATENCY, Graph, Pair, live
 
 SUMS = ("add", "sub")
-EARLIER = LATENCY["div"] - LATENCY["mul"]  # [cycles] by which a divisor must be ready first for its reciprocal to cost no time
+EARLIER = LATENCY["div"] - LATENCY["mul"]  # [cycles] lead of a divisor on the numerator at which its reciprocal costs no time
 
 
 class Summand(NamedTuple):
@@ -85,7 +85,7 @@ class _Rewriter:
             return self.new.mul(*self._reduce_to_two(x))
         if operation == "div":
             numerator, denominator = map(self.get, operands)
-            # a (1 / b) if several values are divided by b, or if 1 / b is there before a, so that only a multiplication follows
+            # a (1 / b) if several values are divided by b, or if 1 / b is ready before a, so that only a multiplication follows
             early = self.new.ready[numerator] > self.new.ready[denominator] + EARLIER
             if self.new.number(numerator) != 1 and (operands[1] in self.shared_divisors or early):
                 return self.new.mul(numerator, self.new.div(self.new.const(1.0), denominator))

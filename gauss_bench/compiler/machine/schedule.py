@@ -27,7 +27,7 @@ def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
     arrival = dict.fromkeys(carried, 0.0)
     cycles = 0.0
     for _ in range(ROUNDS):
-        times: dict[int, float] = {}  # at which each value is ready; leaves that are not carried are there at 0
+        times: dict[int, float] = {}  # at which each value is ready; leaves that are not carried are ready at 0
         for x in values:
             if g.operation[x] == "leaf":
                 times[x] = arrival.get(str(g.payload[x]), 0.0)
