@@ -29,7 +29,7 @@ class OnLinkages(Section):
 
     Attributes:
         linkages: name of a linkage, or path of its file relative to the suite's folder -> scenario.
-        any_linkage: whether the section can be run for any linkage that a user names; if not, it is run for the listed ones only.
+        any_linkage: whether the section can be run for any linkage that a user names; if not, for the listed linkages alone.
     """
 
     linkages: Linkages

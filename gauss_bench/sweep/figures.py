@@ -63,7 +63,7 @@ def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
     largest, row = dict[str, Array](), 0  # row: first multiplier of the joint
     for joint in mechanism.joints:
         held: tuple[tuple[Coordinate, float], ...] = joint.held
-        # components of the force: multipliers of lengths; that of an angle is a moment
+        # multipliers of lengths are components of the force; that of an angle is a moment
         parts = [multipliers[..., row + k] for k, (x, _) in enumerate(held) if x.unit == "m"]
         largest[f"force.{joint.name}"] = np.linalg.norm(parts, axis=0).max(axis=0)
         row += len(held)

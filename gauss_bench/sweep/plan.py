@@ -124,7 +124,7 @@ def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "rand
         texts: values of the --vary options.
         samples: number of samples; None for a plan of grids alone, whose points are the samples.
         sampling: "random" or "sobol".
-        seed: of the random values or of the scrambling.
+        seed: seed of the random values or of the scrambling.
 
     Raises:
         SweepError: the options do not make a plan.

@@ -34,11 +34,11 @@ FORM = "sweep/1"  # format of the folder
 BATCH, SINGLES = 512, 8  # largest numbers of samples in a task: for engines that run a batch in one call, and for all others
 BACKENDS = ("local", "dask")
 PAUSE = 5.0  # [s] between lines of progress
-LIMIT = 60.0  # [s] default of the time of one sample in a worker
+LIMIT = 60.0  # [s] default time limit of one sample in a worker
 MOST_STEPS = 1e8  # largest number of steps of one sample
-STEP = 1e-3  # [s] default of the step
+STEP = 1e-3  # [s] default step
 EIGHTH_ORDER, EIGHTH_ORDER_STEP = "dop853_fixed", 2e-3  # default integrator and step [s] of engines that run batches
-FIRST = 3.0  # [s] limit for finding a scheduler
+FIRST = 3.0  # [s] time limit for the first answer of a scheduler
 Tell = Callable[[str], None]
 
 
@@ -187,7 +187,7 @@ def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, job
     if count > MOST_STEPS:
         option = f"--until {until:g}" if how.step is None else f"--step {how.step:g}"
         raise SweepError(f"{option}: {count:.1e} steps a sample; {MOST_STEPS:.0e} are the most")
-    for name, choice in choices:  # an engine that runs in a process of its own is not loaded here: it refuses in its process
+    for name, choice in choices:  # an engine that runs in a process of its own is not loaded here, but checked in its process
         reason = "" if is_isolated(name) else get(name).skip(mechanism, choice)
         if reason:
             raise SweepError(f"--engine {name}: {reason}")
@@ -232,7 +232,7 @@ def _stamp(case: SweepCase, vary: Sequence[str], samples: Plan, sampling: str, s
 
 @dataclass(frozen=True)
 class _Batch:
-    """One task of a sweep: the samples `first` to `end` - 1, simulated in one engine and stored as the part `number`."""
+    """One task of a sweep: the samples `first` to `end` - 1, simulated by one engine and stored as the part `number`."""
 
     number: int
     engine: str

@@ -64,7 +64,7 @@ class ClosingProgram:
         analysis = study(replace(driven, drivers=()) if driven.dof == 1 else driven)
         correction, motion = _Equations(driven, analysis).solve()
         n, K = driven.n, len(driven.drivers)
-        # None: the code of the two functions is not merged, so that they share no instructions
+        # None: every node has an instruction of its own
         self.correction: Function = function((("q", n), ("u", K)), correction, None)
         self.motion: Function = function((("q", n), ("u", K), ("w", K), ("b", K), ("g", K)), motion, None)
         self.driven = driven

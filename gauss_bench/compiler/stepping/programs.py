@@ -90,7 +90,7 @@ class Stepper:
 
     The code of a step is valid only if no link rotates in the step by more than a limit, called its reach (`steps.Reach`). The
     first routine contains only the code with the smallest reach. The routine `further`, if there is one, also contains code for
-    larger rotations per step, and takes longer to compile; it replaces the first one as soon as a link rotates by more, and all
+    larger rotations per step, and takes longer to compile; it replaces the first one as soon as a link exceeds the limit, and all
     trajectories of the call start again. `further` is None once it is in use.
     """
 
@@ -110,7 +110,7 @@ class Stepper:
         count = len(batch.states)
         lanes = self.loaded.lanes(count)
         # arguments of the routine, see `rollout.py`: states, number arguments, samples, and a report of three rows
-        y, p = in_lanes(batch.states.copy(), lanes), in_lanes(batch.parameters, lanes)  # copied, as one lane would be a view
+        y, p = in_lanes(batch.states.copy(), lanes), in_lanes(batch.parameters, lanes)  # copied: `in_lanes` may return a view
         groups, rows = y.shape[:2]
         samples, report = np.full((groups, batch.slots * rows, lanes), np.nan), np.empty((groups, 3, lanes))
         call = self.loaded.call(lanes)
@@ -152,7 +152,7 @@ class Stepper:
         return Stop(y.copy(), int(report[0]))
 
 
-LEAST = 1e-14  # shortest step, relative to the duration or the largest time, whichever is longer
+LEAST = 1e-14  # shortest step, relative to the duration or the largest time, whichever is larger
 LIMIT = 10**7  # largest number of steps of one call
 
 
@@ -161,7 +161,7 @@ def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tol
 
     If a guard fails (a pivot is too small), the routine stops early, at the last valid state.
     """
-    # arrays of the routine have the shape (1 group, rows, 1 lane); two times are added, because it reads ahead of the next sample
+    # arrays of the routine have the shape (1 group, rows, 1 lane); two times are added, because the routine reads ahead
     y, p, at = state[None, :, None].copy(), parameters[None, :, None], np.append(times, [times[-1]] * 2)[None, :, None]
     samples, report = np.full((1, len(times) * len(state), 1), np.nan), np.zeros((1, 4, 1))
     span = float(times[-1] - times[0])

@@ -33,11 +33,11 @@ from gauss_bench.compiler.machine.routine import Array, Compute, Load, Loop, Rou
 from gauss_bench.compiler.machine.schedule import order
 
 # Norms are taken over all angles of which sines are needed.
-REACH = 0.0065  # [rad] largest norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
-SETTLED = 1e-8  # [rad] norm of a correction after which no other one follows: the error left is about its square
-TURN = 0.3  # [rad] largest norm of the step to the next guess: far less than lies between two assembly modes
+REACH = 0.0065  # [rad] largest norm of one correction: two terms of the series are then exact, and no other assembly is near
+SETTLED = 1e-8  # [rad] norm up to which a correction is the last one: the remaining error is about its square
+TURN = 0.3  # [rad] largest norm of the step to the next guess: far less than the distance between two assembly modes
 LEVELS = 3  # numbers of an input at a sample: value u, time derivatives w and b; the value n at the next sample follows them
-LIMIT = 8  # largest number of corrections; from the farthest guess that is accepted quadratic convergence needs four
+LIMIT = 8  # largest number of corrections; from the farthest accepted guess, quadratic convergence needs four
 
 Sample = dict[str, list[int]]  # name of a result at one sample (`_write_sample`) -> its values, by their indices in a graph
 
@@ -48,7 +48,7 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, Sample]:
     The correction begins at q; `guess` is the q of the first correction. Leaves %s and %c are sine and cosine of an angle of q.
 
     Args:
-        plain: whether the code is written for C: with library calls of sine and cosine, and without regrouped arithmetic.
+        plain: whether the code is written for numpy: with its sine and cosine, and without regrouped arithmetic.
 
     Returns:
         The graph, and the values in it:
