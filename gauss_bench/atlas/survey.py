@@ -32,7 +32,7 @@ from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
-BUDGET = 600.0  # [s] default time limit of a survey
+BUDGET = 600.0  # [s] default of the time for a survey
 LIMIT = 60.0  # [s] longest time of one run, including building the model
 SAMPLES = 100  # largest number of samples that are compared with the reference
 EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference and of a second motion; their difference is the error bar

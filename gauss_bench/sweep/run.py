@@ -34,11 +34,11 @@ FORM = "sweep/1"  # format of the folder
 BATCH, SINGLES = 512, 8  # largest numbers of samples in a task: for engines that run a batch in one call, and for all others
 BACKENDS = ("local", "dask")
 PAUSE = 5.0  # [s] between lines of progress
-LIMIT = 60.0  # [s] default time limit of one sample in a worker
+LIMIT = 60.0  # [s] default of the time of one sample in a worker
 MOST_STEPS = 1e8  # largest number of steps of one sample
 STEP = 1e-3  # [s] default step
 EIGHTH_ORDER, EIGHTH_ORDER_STEP = "dop853_fixed", 2e-3  # default integrator and step [s] of engines that run batches
-FIRST = 3.0  # [s] time limit for the first answer of a scheduler
+FIRST = 3.0  # [s] limit for finding a scheduler
 Tell = Callable[[str], None]
 
 
