@@ -5,7 +5,7 @@ four-bar in `mechanisms/`, under gravity, without motor and brake, with a given 
 
     singular:    the smallest transmission angle [deg] of a crank-rocker; at 0 the linkage passes through a singular position
     redundancy:  the number of cranks beyond two in a hanging parallelogram; each adds a redundant constraint row
-    mass:        the factor by which the coupler is heavier than crank and rocker, per metre
+    mass:        the mass per metre of the coupler divided by that of crank and rocker
     stiffness:   the stiffness [N/m] of a spring from the ground to the coupler, compressed by a twentieth of its length
     speed:       the speed of the crank at the start [rad/s]
     step:        the integration step [s]
@@ -141,9 +141,9 @@ def size(count: float) -> Document:
 def pendulum(count: float, t: Array, tolerance: float) -> Array:
     """Return the motion q, v, a (3, k, n) of the N-four-bar of `size(count)` at times t (k,) [s].
 
-    It moves like one pendulum. Its N + 1 cranks turn by the same angle, and its N couplers move without turning; all bars have the
-    mass m and the length l. Reduced to the crank angle, the inertia of the whole linkage is ((N + 1) / 3 + N) m l^2, and the moment
-    of gravity is -((N + 1) / 2 + N) m g l cos(angle). In the linkage file, cranks come before couplers.
+    The linkage moves like one pendulum. Its N + 1 cranks turn by the same angle, and its N couplers move without turning; all bars
+    have the mass m and the length l. Reduced to the crank angle, the inertia of the whole linkage is ((N + 1) / 3 + N) m l^2, and
+    the moment of gravity is -((N + 1) / 2 + N) m g l cos(angle). In the linkage file, cranks come before couplers.
     """
     from scipy.integrate import solve_ivp
 

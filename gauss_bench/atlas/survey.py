@@ -68,7 +68,7 @@ class Reach:
         passes_to: the hardest value on the axis with the verdict "pass"; None if even the easiest value does not pass.
         ends_at: the hardest value with the verdict "pass" or "degraded"; None if even the easiest value is neither.
         last: verdict on the hardest value that was run; OPEN if bisection met a value whose verdict is unknown.
-        reason: why the first value beyond `passes_to` does not pass, or why its verdict is unknown.
+        reason: why the first value beyond `passes_to` does not pass, or why a verdict is unknown.
         error: largest error at the value `passes_to`, relative to the linkage's size, or [rad]; NaN if no value has passed.
         runs: number of values at which the engine was run.
     """

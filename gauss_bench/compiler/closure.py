@@ -113,7 +113,7 @@ class Closure:
         rows = np.empty((len(levels), self._tracker.program.width))
         loss = self._tracker.track(levels, stride / divided, rows)
         if loss is not None:
-            loss = replace(loss, sample=ceil(loss.sample / divided))  # the caller's sample at or after it
+            loss = replace(loss, sample=ceil(loss.sample / divided))  # the caller's first sample from there on
         q, v, a = rows[::divided].reshape(-1, 3, self.mechanism.n).swapaxes(0, 1)
         return Sweep(q, v, a, loss)
 

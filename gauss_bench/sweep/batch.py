@@ -103,7 +103,7 @@ def in_batches(engine: str) -> bool:
     return engine in FORMULATIONS
 
 
-_kernel_lock = threading.Lock()  # one thread uses a kernel at a time, because it has counters and may generate more code
+_kernel_lock = threading.Lock()  # one thread uses a kernel at a time: a kernel has counters and may generate more code
 
 
 @lru_cache(maxsize=4)

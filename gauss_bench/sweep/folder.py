@@ -98,7 +98,7 @@ def _read_part(path: Path) -> Any:
 
 
 def check(path: Path, stamp: Mapping[str, Any]) -> None:
-    """Raise an error unless a folder is new, empty, or that of a sweep with an equal `stamp` (the data that determine all rows).
+    """Raise an error unless a folder is new, empty, or of a sweep with an equal `stamp` (the data that determine all rows).
 
     Raises:
         SweepError: the parent folder is missing, or the folder holds another sweep or something else.

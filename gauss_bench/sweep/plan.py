@@ -106,7 +106,7 @@ def _number(text: str, value: str) -> float:
     """Return the number that the text `value` contains, which is a part of the --vary option `text`.
 
     Raises:
-        SweepError: the text is no finite number.
+        SweepError: the text is not a finite number.
     """
     try:
         number = float(value)

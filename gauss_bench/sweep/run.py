@@ -203,7 +203,7 @@ def _choice(engine: str, how: Options, until: float) -> Choice:
     """
     offered = offer(engine)
     integrator = EIGHTH_ORDER if in_batches(engine) and not (how.integrator or how.settings) else how.integrator
-    # the default of the step depends on the integrator that `choose` selects: STEP stands for it here
+    # the default step depends on the integrator that `choose` selects: STEP is a placeholder here
     choice = offered.choose(how.settings, integrator, how.stabilization, STEP if how.step is None else how.step)
     if not offered.usable:
         raise SweepError(f"--engine {engine}: {offered.reason}")
@@ -270,7 +270,7 @@ def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str],
     last_report, started, done = time.monotonic(), time.monotonic(), total - missing
     jobs = -1 if where.backend == "dask" else where.jobs  # a cluster uses all of its workers
     with _use_backend(where, engines):
-        # dispatch no more tasks than fit into the queue of loky's processes: with more, its thread fails on an interrupt
+        # dispatch no more tasks than fit into the queue of loky's processes: with more, the queue's thread fails on an interrupt
         work = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
         # the rows of a batch are sent back to this process, which writes them
         tasks = (delayed(_run_batch)(case, x, samples.values[x.first : x.end]) for x in waiting)

@@ -145,9 +145,8 @@ class _Equations:
     def _in_same_assembly(self, q: Array) -> Array:
         """Return the positions among q (k, n) that are not nearly singular and at which det J has the same sign as at the start.
 
-        J is made square: each redundant row is left out, after multiples of it by the factors in `drop.shares` are added to kept
-        rows. A position is nearly singular if its smallest singular value, relative to the largest, is far below the median over
-        positions.
+        J is made square: each redundant row is left out, after it is added to kept rows with the factors in `drop.shares`. A
+        position is nearly singular if its smallest singular value, relative to the largest, is far below the median over positions.
 
         Raises:
             KernelError: the start is at a singular position.

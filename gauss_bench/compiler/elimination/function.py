@@ -115,7 +115,7 @@ class Function:
         begins = max([ready[k] for k in operands], default=0.0)  # when the last operand is ready
         if operation in ("ADD", "SUB"):
             # a product that is used only here is fused with the sum, which then waits for the product's factors and the other
-            # summand; if both summands are such products, the choice with the earlier begin is taken
+            # summand; if both summands are such products, the one that lets the sum begin earlier is fused
             for k, other in (operands, operands[::-1]):
                 product = self.instructions[k]
                 if product.operation == "MUL" and used[k] == 1:

@@ -41,7 +41,7 @@ class Pivot:
     """One pivot p.
 
     Attributes:
-        row, column: its place in the matrix.
+        row, column: indices of p in the matrix.
         node, inverse: p and 1/p as expressions.
         row_divided: whether the other entries of the pivot's row were multiplied by 1/p; if not, those of its column were.
         threshold: smallest |p| for which the code is valid.
@@ -211,7 +211,7 @@ class _Entry:
     def add(self, node: Node) -> None:
         """Add a summand; its values at the samples are added to those of the sum only when they are needed.
 
-        `generic` and `largest` at the random points are kept up to date at once: they show whether the sum cancels.
+        `generic` and `largest` at the random points are updated at once: they show whether the sum cancels.
         """
         self.terms.append(node)
         self._not_yet_added.append(node)
@@ -234,7 +234,7 @@ class _Entry:
         return abs(x) <= VANISHES * a and abs(y) <= VANISHES * b and abs(z) <= VANISHES * c
 
     def node(self) -> Node:
-        """Return the sum as one node of the graph; it takes the place of the summands, so that it is formed only once."""
+        """Return the sum as one node of the graph; the node replaces the summands, so that it is formed only once."""
         if len(self.terms) > 1:
             self.terms = [self.terms[0].graph.total(self.terms)]
         return self.terms[0]
@@ -243,7 +243,7 @@ class _Entry:
     def penalty(self) -> float:
         """The number added to Markowitz's count for a division by the entry: 0 for +-1, 0.5 for another constant, else 1."""
         first, second, _ = self.generic
-        # different values at two random points: the entry is no constant, and its sum need not be formed to know that
+        # different values at two random points: the entry is not constant, which is known without forming its sum
         if len(self.terms) > 1 and abs(first - second) > 1e-9 * abs(first):
             return 1.0
         number = self.node().number
@@ -335,7 +335,7 @@ class _Markowitz:
     def _trust_fewer(self) -> None:
         """Find the entry that is large enough for a pivot at the most samples, and restrict `trusted` to these samples.
 
-        At states like those of the other samples, programs with other pivots are used.
+        At states near the other samples, programs with other pivots are used.
 
         Raises:
             KernelError: the samples that remain are fewer than the fraction SHARE of all samples.
@@ -425,9 +425,8 @@ class _Markowitz:
     def _eliminate(self, r: int, c: int, largest: Array) -> None:
         """Eliminate column c from all rows except r, with the pivot in row r and column c.
 
-        With the pivot p, another row with the entry e in column c becomes (row) - (e / p) (pivot's row). If `crossed`, it becomes
-        p (row) - e (pivot's row). If the pivot's row has first been divided by p (`row_divided`), it becomes (row) - e (divided
-        row).
+        With the pivot p and the pivot's row P, another row R with the entry e in column c becomes R - (e / p) P; if `crossed`,
+        p R - e P; and if P has first been divided by p (`row_divided`), R - e P.
 
         Args:
             largest: (trusted samples,) largest entry in row r, with columns scaled; its median gives the pivot's threshold.

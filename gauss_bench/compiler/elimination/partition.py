@@ -6,16 +6,16 @@ whether coordinates determine the velocities.
 
 Constraint rows to drop are chosen by a basis of the left null space of J, independent coordinates by a basis of the null space of
 J, and both in the same way (`choose_rows`). At each sample, a basis is a matrix with one row for each constraint row or coordinate.
-Of its rows, as many as it has columns are chosen, which must be linearly independent at all samples. The first one is the row whose
-smallest norm over all samples is the largest; then the component along this row is subtracted from all rows, and the next one is
+From a basis with c columns, c rows are chosen, which must be linearly independent at all samples. The first one is the row whose
+smallest norm over all samples is the largest; then the component along this row is subtracted from all rows, and the next row is
 chosen. In other words, the transposed bases are factorised by a column-pivoted QR factorisation, with the same pivots for all
 samples.
 
 The left null space may turn with the linkage, as in a parallelogram with a third crank: whichever row is dropped, the others are
 dependent at some position. Then a linear combination of two rows is dropped, whose coefficients are a vector w (m,). The kept
 combinations of rows are those whose coefficients are orthogonal to w. They are independent wherever l . w != 0, where l is the left
-null vector. To form them, one of the two rows is dropped after a multiple of it is added to the other one;
-if several combinations are dropped, each dropped row may be added to several kept ones.
+null vector. To form them, one of the two rows is dropped after a multiple of it is added to the other one; if several combinations
+are dropped, each dropped row may be added to several kept ones.
 """
 
 from collections.abc import Iterable
@@ -53,7 +53,7 @@ def choose_rows(bases: Array, count: int, allowed: Iterable[int], first: int | N
         sizes = np.linalg.norm(remainder, axis=2)  # (k, n)
         least_size = (sizes / largest).min(axis=0)  # (n,) smallest relative size of each row over all samples
         least_size[picked] = -1.0
-        # rounded, so that of equally good rows the first is picked, and not the one that rounding errors favour
+        # rounded, so that rounding errors do not decide between equally good rows; the first of them is picked
         best = max(open_rows, key=lambda k: round(float(least_size[k]), 9), default=None)
         if first is not None and not picked:
             best = first
@@ -193,7 +193,7 @@ def study(mechanism: Mechanism) -> Study:
 def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
     """Choose combinations of two constraint rows to drop that leave rows independent at every sample; None if there are none.
 
-    A combination is row i + ratio row j, with a ratio out of RATIOS; row j is left out after a multiple of it is added to row i.
+    A combination is row i + ratio row j, with a ratio from RATIOS; row j is left out after a multiple of it is added to row i.
 
     Args:
         left: (k, m, redundant) bases of the left null space of J at k samples.

@@ -39,7 +39,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 EFFORT = 2400  # largest product of the numbers of attempts and of unknowns, which bounds the time of a search to about a second
-LENGTH = 60_000  # largest product of the numbers of attempts and of operations of one attempt, which bounds it for large linkages
+LENGTH = 60_000  # largest product of the numbers of attempts and of operations of one attempt, a bound for large linkages
 SHORTER = "GAUSS_BENCH_ATTEMPTS"  # environment variable with the number of attempts, for this process and all that it starts
 THOROUGH = 144  # number of attempts if the environment does not give it
 
@@ -51,7 +51,7 @@ PRECISE = 1e-11
 # The price of an attempt is the estimate `Costs.single` of its acceleration.
 CLOSE = 1.03  # ratio of two prices that timing cannot distinguish
 REPEATED = 4  # number of rules that are repeated with other seeds
-SEARCHED = 3  # number of plans that are searched, the best ones by a plain attempt
+SEARCHED = 3  # number of plans that are searched: those with the cheapest plain attempts
 HOPELESS = 1.5  # price of a plan relative to the best one above which it is not searched
 NOISES, PATIENCES, CROSSINGS = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5)  # values of the search's settings
 SEEDS = 2  # number of seeds for each combination of these values
@@ -191,7 +191,7 @@ def _recall(analysis: Study, open_parameters: tuple[str, ...], name: str | None)
 __all__ = ["Costs", "Function", "KernelError", "Program", "generate", "known_program", "partitions"]
 
 
-NOTHING = Function((), (), ())  # takes the place of a function that a program does not have
+NOTHING = Function((), (), ())  # placeholder for a function that a program does not have
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +207,7 @@ class Program:
         independent: the independent coordinates; in Lagrange's formulation they only parametrise the free motions.
         parameters: names of the parameters p: first those that the caller has named, such as "links.crank.mass" or
             "points.rod.A.x", then those of `mechanism/lines.py`, the level and slope of forces that are piecewise linear in time.
-        values: (n_p,) values of the parameters in the linkage file, and of those of `mechanism/lines.py` at t = 0.
+        values: (n_p,) values of the parameters: in the linkage file or, for those of `mechanism/lines.py`, at t = 0.
         dropped: names of the redundant rows that were dropped.
         acceleration: function (t, q, v, p) -> a (n,), guards.
         position_correction: function (t_at, q_at, t, q, p) -> dq (n,), the shortest Newton correction with the Jacobian at q_at and

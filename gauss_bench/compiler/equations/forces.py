@@ -53,8 +53,8 @@ def _weights(links: Links) -> Iterable[dict[int, Node]]:
 def _generalise_varying(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
     """Return the generalised force of a force that varies: index of a coordinate -> node.
 
-    It is Q f(t) d(w). Q is that of the steady force, f the time factor, and w the speed along the force. d is 1 for motion along
-    the force and `factor.share` for motion against it, with a smooth transition of the width `factor.speed`.
+    The result is Q f(t) d(w): Q belongs to the steady force, f is the time factor, w the speed along the force. d is 1 for motion
+    along the force and `factor.share` for motion against it, with a smooth transition of the width `factor.speed`.
     """
     (load,) = force.to_loads()
     graph = links.graph

@@ -30,9 +30,9 @@ DRIFT = 0.4  # standard deviation of the change of a direction from step to step
 
 
 def typical_length(mechanism: Mechanism) -> float:
-    """Return the length [m] that counts as much as 1 rad where positions and angles are compared.
+    """Return the length [m] that is equivalent to 1 rad where positions and angles are compared.
 
-    It is the mean distance of the links' points from the centres of mass of their links, or 1 if no point has a distance.
+    It is the mean distance of the links' points from the centres of mass of their links, or 1 if all these distances are zero.
     """
     arms = [float(np.hypot(*(p - link.com))) for link in mechanism.links for p in link.points.values()]
     arms = [x for x in arms if x > 0]

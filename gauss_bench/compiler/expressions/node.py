@@ -21,7 +21,7 @@ import numpy as np
 from gauss_bench.terms import Array
 
 GENERIC = 3  # number of random points: their two ratios of values agree by accident with a probability of 1e-10 each
-VANISHES = 1e-13  # a sum that is smaller than this fraction of its first term is zero; a few hundred rounding units
+VANISHES = 1e-13  # a sum is zero if it is smaller than this fraction of a term; a few hundred rounding units
 SAME = 1e-12  # largest relative difference between values that are equal except for rounding
 
 # Latency [cycles]: time from the start of an operation until its result can be used, on Zen 4 and 5 and about the same on other
@@ -276,7 +276,7 @@ class ExpressionGraph:
     def _make(self, op: str, *args: Node, values: Array | None = None) -> Node:
         """Return a node for an operation: a constant, an existing node, a multiple of an existing node, or else a new node.
 
-        `values` (samples + GENERIC,) are those of the operation; if None, they are computed from those of the operands.
+        `values` (samples + GENERIC,) are the values of the result; if None, they are computed from the operands.
         """
         key = (op, *[a.index for a in args])
         known = self.known.get(key)
@@ -450,7 +450,7 @@ def _ratio_key(g: Generic) -> str:
 
 
 def _round(x: float) -> float:
-    """Return x without rounding errors if that gives at most 8 characters, else x: 0.4999999999999999 becomes 0.5."""
+    """Return a number of at most 8 characters that equals x but for rounding, or x if there is none: 0.4999999999999 gives 0.5."""
     text = f"{x:.12g}"
     short = float(text)
     return short if abs(short - x) <= SAME * abs(x) and len(text) < 9 else x

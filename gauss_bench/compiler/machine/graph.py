@@ -82,7 +82,7 @@ class Graph:
         return x if self.operation[a] == "const" and isinstance(x, float) else None
 
     def split_sign(self, a: int) -> tuple[int, bool]:
-        """Return a value without its leading minus, and whether it had one; a negative constant counts as having one."""
+        """Return a value without its leading minus sign, and whether it had one; a negative constant has one."""
         if self.operation[a] == "neg":
             return self.operands[a][0], True
         x = self.number(a)

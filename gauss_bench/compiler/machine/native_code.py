@@ -186,7 +186,7 @@ def aligned_zeros(size: int) -> Array:
 class Single:
     """A routine in native code with memory for its arguments, for calls that compute one trajectory.
 
-    The arguments stand in a block of 8-byte words, whose address is passed to the code: addresses of arrays, then real numbers,
+    The arguments are in a block of 8-byte words, whose address is passed to the code: addresses of arrays, then real numbers,
     then counts (integers). A caller changes them in place, because a conversion of new arguments takes as long as several steps.
 
     Attributes:

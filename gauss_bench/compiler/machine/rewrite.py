@@ -77,7 +77,7 @@ class _Rewriter:
         return self.new.neg(self.copies[base]) if negative else self.copies[base]
 
     def _write(self, x: int) -> int:
-        """Write the value x of the old graph, which is no negation, into the new graph; return its index there."""
+        """Write the value x of the old graph, which is not a negation, into the new graph; return its index there."""
         operation, operands = self.old.operation[x], self.old.operands[x]
         if operation in SUMS:
             return self._add_terms(self._list_terms(x))

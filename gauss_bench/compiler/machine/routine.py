@@ -79,9 +79,9 @@ class Scatter:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Execute `body`, and repeat it as long as the boolean `again` is true at its end.
+    """Execute `body`, and repeat it as long as the boolean `again` is true at the end.
 
-    `carried` maps each variable (a leaf) to its value in the first iteration, and to that in the next iteration.
+    `carried` maps each variable (a leaf) to its values in the first and in the next iteration.
     """
 
     carried: Mapping[int, tuple[int, int]]

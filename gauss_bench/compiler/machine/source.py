@@ -119,7 +119,7 @@ class Source(Emitter):
         return name
 
     def write_value(self, x: int) -> str:
-        """Return the text that stands for value x of the graph, whose operands have names already.
+        """Return the text for value x of the graph, whose operands have names already.
 
         The text is a constant, or the name of a variable; a line that assigns the result to this variable is then written.
         """

@@ -254,7 +254,7 @@ class Programs:
         if self.plain:
             stepper = Stepper(Loaded(lambda many: rollout([plain_body(code, integrator)], many), self.target))
         else:
-            # code for the smallest rotations per step first; the routine for all rotations replaces it when it is needed
+            # first code for the smallest rotations per step; when it no longer suffices, the routine for all rotations replaces it
             stepper = Stepper(load(1), load(len(all_reaches)) if len(all_reaches) > 1 else None)
         self.runners[k, integrator] = stepper
         return stepper

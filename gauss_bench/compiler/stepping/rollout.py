@@ -11,7 +11,7 @@ one number for each trajectory:
     report, 3 rows: number of steps done; 1 if all were done; 1 if the only fault of a step was that a link turned too far.
 
 A guard is a condition for a valid step, above all that no pivot is too small. A trajectory stops before the first step at which a
-guard fails, and this step is not counted. The trajectories in the other lanes go on; in the lane of a stopped trajectory, a
+guard fails, and this step is not counted. The trajectories in other lanes continue; in the lane of a stopped trajectory, a
 selection between the old and the new state keeps the old one. A sample is the state at the beginning of a step, where projection
 has corrected the velocities. The loop therefore runs once more than there are steps.
 
@@ -59,7 +59,7 @@ class Body:
     """
 
     def __init__(self, code: Code, step: Step, plain: bool = False, into: Graph | None = None):
-        """Put the operations of a step in order, unless `plain`, and make the statements that load its inputs and compute it.
+        """Put the operations of a step in order, unless `plain`, and make the statements that load inputs and compute the step.
 
         The operations are added to the graph `into`, which may have other bodies of the same routine; None for a new graph.
         """
@@ -131,8 +131,8 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[
     h, t0, t, done = (g.leaf(f"%{x}") for x in ("h", "t0", "t", "done"))
     # masks of the lanes that have not stopped, and of those that need a body with a larger reach
     alive, far = (g.make("mask", payload=x) for x in ("%alive", "%far")) if many else (always, none)
-    # regular: no pivot is too small; within: no link turns by more than the reach. A lane goes on if both are true; `beyond`: only
-    # the reach was exceeded in this step, so that code with a larger reach will do
+    # regular: no pivot is too small; within: no link turns by more than the reach. A lane continues if both are true; `beyond`: the
+    # step is regular but exceeds the reach, so that code with a larger reach is needed
     beyond = g.both([alive, body.step.regular, g.make("not", body.step.within)])
     going = g.both([alive, body.step.regular, body.step.within])
     # number of the next step, whether there is one, and its time
@@ -143,7 +143,7 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[
     carried: Carried = dict(counter)
     for x, (initial, next_value) in body.carried.items():
         new = chosen.get(x, next_value)
-        # a lane that has stopped keeps its state by selection while the others go on
+        # a stopped lane keeps its state by selection while the others continue
         carried[x] = initial, g.make("select", going, new, x) if many else new
     carried |= {t: (t0, later), done: (g.const(0.0), g.make("add", done, g.flag(going)))}
     carried |= {i: (zero, following), due: (g.make("least", every, n), due_later), slot: (zero, slot_later)}
@@ -264,7 +264,7 @@ def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
 
         h clip(SAFETY / root, SHRINK, GROW), at most `longest`
 
-    After a refused step, 1 takes the place of GROW. `error` is the squared norm of the step's error, proportional to h^16, and
+    After a refused step, 1 replaces GROW. `error` is the squared norm of the step's error, proportional to h^16, and
     `root` is the 16th root of `error`. `sound` is true if all guards are satisfied, and `good` if in addition the error is small
     enough. If the step is not sound, the next step size is h SHRINK.
     """

@@ -288,7 +288,7 @@ class Builder:
         return a
 
     def directions(self, t: int, q: list[int], v: list[int]) -> list[list[int]]:
-        """Return a free motion (n,) for each independent coordinate: its rate is 1, those of the other independent ones are 0."""
+        """Return, for each independent coordinate, the free motion (n,) in which its rate is 1 and the others' rates are 0."""
         g, free = self.g, self.code.program.independent
         *motions, pivots = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
         self._add_guards(pivots, self.code.program.direction_thresholds)
@@ -415,7 +415,7 @@ class Builder:
     def within(self, v: list[int]) -> int:
         """Return the mask that is true where v is finite and no limited norm exceeds its bound (see `limit`)."""
         g = self.g
-        # each term of `score` is (norm / bound)^2, so that no norm exceeds its bound where their sum is at most 1
+        # each term of `score` is (norm / bound)^2, so that no norm exceeds its bound where the sum of the terms is at most 1;
         # the sum of v tests all components: if one is infinite or NaN, so is the sum, and the comparison fails
         score = g.make("le", g.total(self.score), g.const(1.0))
         return g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])

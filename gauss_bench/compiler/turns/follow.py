@@ -91,7 +91,7 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, Sample]:
 
 
 def _leaves(g: Graph, name: str, count: int) -> list[int]:
-    """Return the leaves %NAME0, %NAME1 ... of the graph, which stand for the `count` components of a vector."""
+    """Return the leaves %NAME0, %NAME1 ... of the graph for the `count` components of a vector."""
     return [g.leaf(f"%{name}{k}") for k in range(count)]
 
 
@@ -139,11 +139,11 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     alive, i, done = g.make("mask", payload="%alive"), g.count("%i"), g.leaf("%done")
     corrections, still_near = _settle(g, program, sample, [x for x in values if x in repeated], alive)
     correction_square, advance_square = sample["norms"]
-    # a guard x and its bound a have one sign, and |x| >= |a|: that is x a >= a a
+    # a guard x must have the sign of its bound a, and |x| >= |a|: that is x a >= a a
     guards_hold = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample["guards"], least, strict=True)]
     is_settled = g.make("le", correction_square, g.const(SETTLED**2))
     is_closed = g.both([alive, still_near, is_settled, *guards_hold])
-    # the lane goes on to the next sample if the guess there is not far away
+    # the lane continues with the next sample if the guess there is not far away
     goes_on = g.both([is_closed, g.make("le", advance_square, g.const(TURN**2))])
 
     # variables of the loop over samples: leaf -> first value, next value
