@@ -125,8 +125,8 @@ def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
     """Return the suite restricted to the given linkages (name or path -> scenario).
 
     A section with `any_linkage` is run for all given linkages, in the given scenarios. A section without it keeps its linkages that
-    are given, each in the scenario that the section names. Sections without linkages are left out, except `left_out`
-    and the sections whose results are computed from times of other sections.
+    are given, each in the scenario that the section names. Sections without linkages are left out, except `left_out` and the
+    sections whose results are computed from times of other sections.
     """
 
     def keep(name: str, section: Any) -> Any:

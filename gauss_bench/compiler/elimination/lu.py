@@ -425,8 +425,8 @@ class _Markowitz:
     def _eliminate(self, r: int, c: int, largest: Array) -> None:
         """Eliminate column c from all rows except r, with the pivot in row r and column c.
 
-        With the pivot p and the pivot's row P, another row R with the entry e in column c becomes R - (e / p) P; if `crossed`,
-        p R - e P; and if P has first been divided by p (`row_divided`), R - e P.
+        With the pivot p and the pivot's row P, another row R with the entry e in column c becomes R - (e / p) P. It becomes
+        p R - e P if `crossed`, and R - e P if P has first been divided by p (`row_divided`).
 
         Args:
             largest: (trusted samples,) largest entry in row r, with columns scaled; its median gives the pivot's threshold.

@@ -264,9 +264,9 @@ def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
 
         h clip(SAFETY / root, SHRINK, GROW), at most `longest`
 
-    After a refused step, 1 replaces GROW. `error` is the squared norm of the step's error, proportional to h^16, and
-    `root` is the 16th root of `error`. `sound` is true if all guards are satisfied, and `good` if in addition the error is small
-    enough. If the step is not sound, the next step size is h SHRINK.
+    After a refused step, 1 replaces GROW. `error` is the squared norm of the step's error, proportional to h^16, and `root` is the
+    16th root of `error`. `sound` is true if all guards are satisfied, and `good` if in addition the error is small enough. If the
+    step is not sound, the next step size is h SHRINK.
     """
     h, wanted = g.leaf("%h"), g.leaf("%wanted")
     root = error

@@ -3,8 +3,8 @@
 A guard is a condition that a valid step must satisfy: no pivot of the elimination is too small, and no link turns too far.
 
 Runge-Kutta. The method of order 4 for q'' = a(t, q, v) has the positions of the stages written out in accelerations (Nystroem's
-form). Results differ by rounding alone, and the position of a stage does not wait for its velocity. From q, v, the step
-computes q', v' by
+form). The results are those of the usual form except for rounding, and the position of a stage does not wait for its velocity. From
+q, v, the step computes q', v' by
 
     q2 = q + h/2 v,         q3 = q2 + h^2/4 a1,   B = q + h v,   q4 = B + h^2/2 a2
     v2 = v + h/2 a1,        v3 = v + h/2 a2,      v4 = v + h a3
