@@ -103,7 +103,7 @@ def _energy(mechanism: Mechanism, x: Placed, t: Array, multipliers: Array) -> tu
         power = power - multipliers[..., k] * np.asarray(driver.law(t)[1] + 0 * t)[:, None]
     energy = kinetic + potential
     gain = energy - energy[0]
-    bar = 8 * np.finfo(float).eps * (1.0 + np.abs(energy).max(axis=0))  # of rounding
+    bar = 8 * np.finfo(float).eps * (1.0 + np.abs(energy).max(axis=0))  # rounding errors
     scale = np.maximum(kinetic.max(axis=0), np.ptp(potential, axis=0))
     active = np.isfinite(power).all(axis=0) & power.any(axis=0)  # (batch,) motions with a power to integrate
     if active.any() and len(t) > 1:

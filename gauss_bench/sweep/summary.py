@@ -1,8 +1,8 @@
 """Summarise a sweep: counts by status, quantiles of every figure (number in a row, see `figures.py`), and sensitivities.
 
 The sensitivities of a Sobol plan are Sobol's indices: the share of a figure's variance that a varied number explains alone (first),
-or alone and by interactions with other varied numbers (total). If the plan has grids or random values, the sensitivities are
-Spearman's rank correlations between the varied numbers and the figures.
+or alone and by interactions with others (total). If the plan has grids or random values, the sensitivities are Spearman's rank
+correlations between the varied numbers and the figures.
 """
 
 from collections.abc import Sequence

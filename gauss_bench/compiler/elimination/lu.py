@@ -449,8 +449,8 @@ class _Markowitz:
             factor = entry if row_divided or crossed else entry * inverse
             self.steps[other].append(RowOperation(r, factor, pivot if crossed else None))
             self._subtract(other, factor, row)
-            # to the end of the dict, whose order decides between equal pivots: a changed row is examined last, so that in a chain
-            # of links the elimination proceeds from both ends
+            # move the row to the end of the dict, whose order decides between equal pivots: a changed row is examined last, so that
+            # in a chain of links the elimination proceeds from both ends
             self.rows[other] = self.rows.pop(other)
         for k in row:
             self.columns[k] = self.columns.pop(k)

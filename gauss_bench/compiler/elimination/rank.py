@@ -105,7 +105,7 @@ def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Ar
 
 
 def _states_to_check(mechanism: Mechanism) -> States:
-    """Return states on the constraints at which programs are checked: others than those at which pivots are chosen."""
+    """Return states on the constraints at which programs are checked; pivots are chosen at other states."""
     return manifold_states(mechanism, CHECKS if mechanism.n <= DENSE else FEW, seed=1)
 
 

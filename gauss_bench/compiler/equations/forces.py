@@ -61,7 +61,7 @@ def _generalise_varying(links: Links, force: Torque | PointForce, factor: Factor
     entries = {k: graph.node(x) for k, x in equations.generalise(links, load).items()}
     value: Any = force.value
     square = dot(value, value) if isinstance(value, Vec) else value * value
-    size = maximum(graph.sqrt(square), graph.constant(SMALLEST))  # of the steady force
+    size = maximum(graph.sqrt(square), graph.constant(SMALLEST))  # magnitude of the steady force
     # only piecewise linear factors with kinks have level and slope as parameters of the program
     level, slope = (links.number(f"forces.{force.name}.{key}") if factor.kinks else links.zero for key in ("level", "slope"))
     depends_on_direction = factor.share != 1.0

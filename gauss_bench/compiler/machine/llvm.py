@@ -49,7 +49,7 @@ INSTRUCTIONS = {
     "also": "and i1 {0}, {1}",
 }
 INTRINSICS = {"fma": 3, "fabs": 1, "sqrt": 1}  # name in LLVM -> number of operands
-TYPES = {"p": "ptr", "d": "double", "i": "i64"}  # of arguments, by the letters of a routine's signature
+TYPES = {"p": "ptr", "d": "double", "i": "i64"}  # types of arguments, by the letters of a routine's signature
 LONGEST_BLOCK = 4000  # largest number of values in a basic block: the time to compile a block grows faster than its length
 BLOCK = 8  # number of rows and of lanes of the largest transposition
 

@@ -31,12 +31,12 @@ from gauss_bench.terms import Array
 Flags = NDArray[np.bool_]
 
 BACKENDS = ("llvm", "numpy")
-VERSION = "1"  # of the entries in the cache
+VERSION = "1"  # version of the entries in the cache
 LARGE = 10_000  # number of operations above which code is generated at a lower level of optimisation, in a tenth of the time
 QUICK = "GAUSS_BENCH_QUICK_CODE"  # environment variable: if it is set, code compiles sooner and runs longer, with the same results
 KEPT = 64  # number of functions that stay loaded; unloading a function frees only a part of its memory
 _numbers = numbers_from()  # 0, 1, 2 ... for the names of loaded modules, which must be unique
-KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}  # of arguments, by the letters of a routine's signature
+KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}  # types of arguments, by letters of a signature
 
 
 def available() -> bool:
@@ -59,7 +59,7 @@ class NativeCode:
     def __init__(self, listing: Listing, cached: bool = True):
         """Compile an LLVM module given as text, or load its object code from the cache."""
         start = time.perf_counter()
-        level = 3 if listing.operations <= LARGE else 1  # of LLVM's optimisation, none of which changes rounding
+        level = 3 if listing.operations <= LARGE else 1  # of LLVM's optimisation; no level changes rounding
         if os.environ.get(QUICK):
             level = 0
         key = _key(listing.text, level)
@@ -163,7 +163,7 @@ def out_of_lanes(x: Array, count: int) -> Array:
 def share(compute: Callable[[int, int], None], groups: int, threads: int) -> None:
     """Divide groups of trajectories among threads: each thread calls compute(low, high) for the groups low to high - 1."""
     count = min(threads, groups)
-    if count < 2:  # without a pool of threads, whose start takes as long as a hundred samples
+    if count < 2:  # no pool of threads, because its start takes as long as a hundred samples
         compute(0, groups)
         return
     bounds = np.linspace(0, groups, count + 1).astype(int).tolist()
@@ -243,7 +243,7 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
     """Choose the target of code: by default llvm if it is installed, else numpy, and lanes for the widest vector register.
 
     Raises:
-        KernelError: the backend is unknown or not installed, or the number of lanes is below 1 or, with llvm, no power of 2.
+        KernelError: the backend is unknown or not installed, or the number of lanes is below 1 or, with llvm, not a power of 2.
     """
     if backend not in (None, *BACKENDS):
         raise KernelError(f"no backend {backend}; there are {', '.join(BACKENDS)}")

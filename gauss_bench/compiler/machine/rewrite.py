@@ -154,7 +154,7 @@ class _Rewriter:
         the addition.
         """
         g = self.new
-        # if only one of the terms is a product, let it be `late`, which can be fused with the addition
+        # if exactly one term is a product, let it be `late`, which can be fused with the addition
         if early.factor is not None and late.factor is None:
             early, late = late, early
         value = early.value if early.factor is None else g.mul(early.value, early.factor)

@@ -17,7 +17,7 @@ from gauss_bench.compiler.machine.graph import COUNTS, MASKS, TRUTHS
 from gauss_bench.compiler.machine.routine import Emitter, If, Load, Loop, Routine, Scatter, Statement, Store
 
 C_HEADER = "#include <math.h>\n\n"
-C_TYPES = dict.fromkeys(COUNTS, "long") | dict.fromkeys((*MASKS, *TRUTHS), "int")  # of results that are not doubles
+C_TYPES = dict.fromkeys(COUNTS, "long") | dict.fromkeys((*MASKS, *TRUTHS), "int")  # types of results
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ class Stepper:
             call(*arrays, batch.h, batch.t0, batch.n, batch.every, batch.slots, high - low)
 
         share(compute, groups, threads)
-        # of each trajectory: number of steps done; 1 if all were done; 1 if it stopped only because a link rotated too far
+        # of each trajectory: number of steps done; 1 if all were done; 1 if the only fault was that a link rotated too far
         done, complete, too_far = out_of_lanes(report, count).T
         if too_far.any() and self.further is not None:
             self.extend()
@@ -143,7 +143,7 @@ class Stepper:
         numbers[0], numbers[1] = h, t0
         counts[0], counts[1] = n, n or 1  # steps, and steps between samples: the end is the only sample
         single.run()
-        # report: number of steps done; 1 if all were done; 1 if a step was not done only because a link rotated too far
+        # report: number of steps done; 1 if all were done; 1 if the only fault was that a link rotated too far
         if report[1]:
             return sample.copy()
         if report[2] and self.further is not None:
@@ -266,8 +266,7 @@ class Programs:
     def _routine(self, k: int, stabilization: str, make: Callable[[Code], Routine]) -> Loaded:
         """Return the routine that `make` builds for program k; its code is compiled on first use.
 
-        A routine is stored under the key (k, make) without the stabilisation, because each `make` is used with one stabilisation
-        only.
+        A routine is stored under the key (k, make) without the stabilisation, because each `make` has a single stabilisation.
         """
         if (k, make) not in self._routines:
             code = Code(self.codes[k].program, stabilization)
