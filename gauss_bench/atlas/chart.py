@@ -1,7 +1,7 @@
 """Draw the results of the survey (the atlas) as a picture and as a page.
 
 Each axis, a family of linkages that become harder to simulate as one number changes, has a panel. A panel has a bar for each engine
-with its setting, whose length is the hardest value that the engine passes. All panels have the width of a phone.
+with its setting, whose length shows the hardest value that the engine passes. All panels have the width of a phone.
 """
 
 import math

@@ -3,9 +3,9 @@
 `axes.toml` has the names and values of the axes, and this module makes the linkage for a value. Most linkages are variants of the
 four-bar in `mechanisms/`, under gravity, without motor and brake, with a given crank speed at the start. Each axis varies:
 
-    singular:    the smallest transmission angle [deg] of a crank-rocker; the smaller it is, the closer it comes to its dead centres
+    singular:    the smallest transmission angle [deg] of a crank-rocker; at 0 the linkage passes through a singular position
     redundancy:  the number of cranks beyond two in a hanging parallelogram; each adds a redundant constraint row
-    mass:        the factor by which the coupler is heavier than crank and rocker, per metre
+    mass:        the mass per metre of the coupler divided by that of crank and rocker
     stiffness:   the stiffness [N/m] of a spring from the ground to the coupler, compressed by a twentieth of its length
     speed:       the speed of the crank at the start [rad/s]
     step:        the integration step [s]
@@ -141,9 +141,9 @@ def size(count: float) -> Document:
 def pendulum(count: float, t: Array, tolerance: float) -> Array:
     """Return the motion q, v, a (3, k, n) of the N-four-bar of `size(count)` at times t (k,) [s].
 
-    It moves like one pendulum. Its N + 1 cranks turn by the same angle, and its N couplers move without turning; all bars have the
-    mass m and the length l. In the crank angle, the inertia of the whole linkage is ((N + 1) / 3 + N) m l^2, and the moment of
-    gravity is -((N + 1) / 2 + N) m g l cos(angle). In the linkage file, cranks come before couplers.
+    The linkage moves like one pendulum. Its N + 1 cranks turn by the same angle, and its N couplers move without turning; all bars
+    have the mass m and the length l. Reduced to the crank angle, the inertia of the whole linkage is ((N + 1) / 3 + N) m l^2, and
+    the moment of gravity is -((N + 1) / 2 + N) m g l cos(angle). In the linkage file, cranks come before couplers.
     """
     from scipy.integrate import solve_ivp
 
@@ -154,7 +154,7 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
     second, crank = -k * np.cos(angle), LENGTH * np.exp(1j * angle)  # second rate; crank from ground pin to tip as complex numbers
     is_crank = np.arange(2 * n + 1) <= n
     share = np.where(is_crank, 0.5, 1.0)  # displacement of a bar's middle divided by that of the crank tips
-    rest = LENGTH * np.where(is_crank, np.arange(2 * n + 1), np.arange(2 * n + 1) - n - 0.5)  # x of pins, and between them
+    rest = LENGTH * np.where(is_crank, np.arange(2 * n + 1), np.arange(2 * n + 1) - n - 0.5)  # x of pins, and of midpoints
     states = np.zeros((3, len(t), load_document(size(count), SCENARIO).n))
     tips = (crank, 1j * rate * crank, (1j * second - rate**2) * crank)  # displacement of the tips, and its two time derivatives
     for x, tip, turn, offset in zip(states, tips, (angle, rate, second), (rest, 0.0, 0.0), strict=True):

@@ -1,8 +1,9 @@
 """Run every engine with its settings along every axis, and find by bisection the hardest value that the engine passes.
 
 Bisection assumes that the verdict never gets better from a value to a harder one; if this is wrong, it finds one of the values at
-which the verdict changes. The first and the last value are always run. Every run takes place in a worker process with a time limit,
-so that a crash or a hang counts as a failure. Verdicts depend on the speed of the computer only if a limit of time is reached.
+which the verdict changes. The first value is always run, and the last one if the first passes or is degraded. Every run takes place
+in a worker process with a time limit, so that a crash or a hang counts as a failure. Verdicts depend on the speed of the computer
+only if a time limit is reached.
 """
 
 import tempfile
@@ -34,7 +35,7 @@ from gauss_bench.trajectory import Reference
 BUDGET = 600.0  # [s] default of the time for a survey
 LIMIT = 60.0  # [s] longest time of one run, including building the model
 SAMPLES = 100  # largest number of samples that are compared with the reference
-EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference, and of a second motion, whose difference is its error bar
+EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference and of a second motion; their difference is the error bar
 STABILIZED = ("none", "projection")  # stabilisations that are surveyed, if an engine offers them
 LABELS = ("default", "tuned")  # names of settings that are surveyed, if an engine offers them
 
@@ -67,7 +68,7 @@ class Reach:
         passes_to: the hardest value on the axis with the verdict "pass"; None if even the easiest value does not pass.
         ends_at: the hardest value with the verdict "pass" or "degraded"; None if even the easiest value is neither.
         last: verdict on the hardest value that was run; OPEN if bisection met a value whose verdict is unknown.
-        reason: why the first value beyond `passes_to` does not pass, or why its verdict is unknown.
+        reason: why the first value beyond `passes_to` does not pass, or why a verdict is unknown.
         error: largest error at the value `passes_to`, relative to the linkage's size, or [rad]; NaN if no value has passed.
         runs: number of values at which the engine was run.
     """

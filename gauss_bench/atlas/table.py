@@ -8,7 +8,7 @@ from gauss_bench.atlas.families import FAMILIES
 from gauss_bench.atlas.survey import Reach, describe
 from gauss_bench.atlas.verdict import RULE, Verdict
 
-HEAD = "axis,engine,"  # first columns of the table's file, by which the file is recognised
+HEAD = "axis,engine,"  # first columns of the table's file, which identify it
 
 
 def row(x: Reach) -> dict[str, Any]:

@@ -68,7 +68,7 @@ def decide(mechanism: Mechanism, run: Run, reference: Reference) -> RunVerdict:
         return RunVerdict(Verdict.FAILED, reason=f"{run.status}: {run.message}")
     size = mechanism.size
     error_bar = float(np.max(reference.error_q, initial=0.0))
-    # positions have the limit KNOWN PASSES size [m], angles KNOWN PASSES [rad]; the smaller of the two counts for both
+    # positions have the limit KNOWN PASSES size [m], angles KNOWN PASSES [rad]; the smaller of the two is used for both
     if not error_bar <= KNOWN * PASSES * min(1.0, size):
         return RunVerdict(Verdict.OPEN, reason=f"the error bar of the reference is {error_bar:.1e}")
     with np.errstate(all="ignore"):

@@ -66,11 +66,11 @@ class Closure:
     Attributes:
         mechanism: the compiled mechanism, whose drivers are the inputs; their laws are not used.
         backend: "llvm" or "numpy".
-        inputs: names of the driven coordinates, in the order of every `inputs` argument.
+        inputs: names of the drivers, in the order of the last axis of the argument `levels` of `sweep`.
     """
 
     def __init__(self, mechanism: Mechanism, target: Target):
-        """Generate and compile the code of a mechanism, whose drivers are the inputs."""
+        """Generate and compile the code."""
         self.mechanism, self.backend = mechanism, target.backend
         LoopEquations(mechanism)  # not kept: it raises ValueError if the drivers do not fit the degrees of freedom
         self._tracker = Tracker(ClosingProgram(mechanism), target)
@@ -113,15 +113,15 @@ class Closure:
         rows = np.empty((len(levels), self._tracker.program.width))
         loss = self._tracker.track(levels, stride / divided, rows)
         if loss is not None:
-            loss = replace(loss, sample=ceil(loss.sample / divided))  # the next one among the caller's samples
+            loss = replace(loss, sample=ceil(loss.sample / divided))  # the caller's first sample from there on
         q, v, a = rows[::divided].reshape(-1, 3, self.mechanism.n).swapaxes(0, 1)
         return Sweep(q, v, a, loss)
 
 
 def _divide(levels: Array, parts: int) -> Array:
-    """Return levels (k, 3, K) with `parts` equal steps from each sample to the next, ((k - 1) parts + 1, 3, K).
+    """Divide each step between two samples of `levels` (k, 3, K) into equal parts; return ((k - 1) parts + 1, 3, K).
 
-    The values are interpolated linearly; derivatives are meaningful at the original samples only.
+    All numbers are interpolated linearly; derivatives are therefore meaningful at the original samples only.
     """
     before, after = levels[:-1, None], levels[1:, None]  # (k - 1, 1, 3, K)
     steps = before + (np.arange(parts) / parts)[:, None, None] * (after - before)

@@ -69,7 +69,7 @@ def compile_kernel(
         open_parameters: names of numbers of the linkage file whose values are given with each call, such as "links.crank.mass".
         lanes: number of trajectories in one SIMD vector, a power of 2; if None, the number of doubles in the widest vector register
             of this machine.
-        cache: whether the results of the search for a cheap elimination and object code are kept in the user's cache folder.
+        cache: whether object code and the result of the search for a cheap elimination are kept in the user's cache folder.
         backend: "llvm", or "numpy", which needs no compiler; if None, llvm is used if it is installed, else numpy.
         independent: indices of the independent coordinates of the first program; if None, the search for a cheap elimination
             chooses the independent coordinates. Further programs with other independent coordinates are generated on demand.
@@ -77,7 +77,7 @@ def compile_kernel(
         form: deprecated and without effect, because all generated code is straight-line code; any value but None gives a warning.
 
     Raises:
-        KernelError: the mechanism has dry friction, a name is unknown, or the backend is not installed.
+        KernelError: dry friction, an unknown name, no usable pivots, a failed check of the code, or a backend not installed.
     """
     start = time.perf_counter()
     if stabilization not in STABILIZATIONS:
@@ -119,7 +119,7 @@ class Integrated:
     Attributes:
         q, v: (k, n_q) states at the requested times, NaN where the trajectory is lost.
         steps: number of accepted steps.
-        evaluations: number of evaluations of the acceleration, also in steps that were not accepted.
+        evaluations: number of evaluations of the acceleration, including those of rejected steps.
     """
 
     q: Array
@@ -199,7 +199,7 @@ class Kernel:
 
     @property
     def directions(self) -> int:
-        """Number of independent coordinates of the first program; an implicit step needs derivatives along as many motions."""
+        """Number of independent coordinates of the first program; an implicit step needs derivatives along one motion for each."""
         return len(self.partitions[0])
 
     @property
@@ -237,8 +237,8 @@ class Kernel:
 
         Returns:
             q, v: (n_q,) or (batch, n_q) after the last step; with `every`, (samples, n_q) or (batch, samples, n_q) after `every`,
-            2 `every`, ... steps and after the last. The states of a trajectory that cannot be continued are NaN from there on, and
-            it is counted in `lost`.
+            2 `every`, ... steps and after the last. If a trajectory cannot be continued, its later states are NaN, and `lost`
+            counts it.
 
         Raises:
             ValueError: the number of steps is negative, `every` is below 1, the integrator is unknown, or steps go backwards in
@@ -251,11 +251,11 @@ class Kernel:
         q = q0 if isinstance(q0, np.ndarray) else np.asarray(q0)  # a conversion takes as long as several steps
         v = v0 if isinstance(v0, np.ndarray) else np.asarray(v0)
         self._driver.tally = Tally()
-        legs = self.legs(t0, dt, n) if self._kinks else ()  # runs of equal steps between kinks; one or none: nothing is split
+        legs = self.legs(t0, dt, n) if self._kinks else ()  # runs of equal steps; with at most one, no step is split
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
         if q.ndim == 1 and every is None and p.ndim == 1 and len(legs) <= 1:
             # a single trajectory of which only the last state is returned is stepped with the least overhead
-            # with kinks, the number arguments also have coefficients of forces for this leg; `_numbers` refuses a wrong shape
+            # with kinks, the number arguments include coefficients of forces for this leg; `_numbers` refuses a wrong shape
             if self._kinks or p.shape != self._values.shape:
                 p = self._numbers(parameters, 1, _middle(t0, legs))[0]
             state = self._roll_one(q, v, p, t0, dt, n, integrator)
@@ -301,7 +301,7 @@ class Kernel:
         state = np.concatenate([np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)])
         self._driver.tally = Tally()
         samples, taken, tried = self._driver.integrate_over(state, numbers_at, ends, (rtol, atol), self._kinks)
-        # each step that was tried, accepted or not, has as many evaluations as a step of fixed size
+        # every step, accepted or not, has as many evaluations as a step of fixed size
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
     def alone(self, q0: Array, v0: Array, dt: float, n: int, t0: float = 0.0, integrator: str = "rk4") -> bool:
@@ -366,7 +366,7 @@ class Kernel:
     def forces(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
         """Return the multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q.
 
-        Redundant rows that are left out have multipliers 0 or combinations of others (`Program.multipliers`).
+        The multiplier of a redundant row that is left out is 0 or a combination of others (`Program.multipliers`).
         """
         return self._at_states(self._programs.multipliers, self._rank.multipliers, q, v, t, parameters)
 
@@ -379,11 +379,11 @@ class Kernel:
     def c_source(self, integrator: str = "rk4") -> str:
         """Return the first program as C source, with the functions `accelerate` and `rollout`.
 
-        Programs that replace it at states where its pivots vanish are left out.
+        Other programs, for states at which a pivot of the first one is too small, are not included.
         """
         first = self._programs.codes[0]
         steps = rollout([plain_body(first, integrator)], many=False)
-        # "none": only `rollout` has Baumgarte's terms, `accelerate` is the exact acceleration
+        # "none": `accelerate` has no terms of Baumgarte; `rollout` has them if the kernel is stabilised by them
         return C_HEADER + write_c(acceleration(Code(first.program, "none"), plain=True)) + "\n" + write_c(steps)
 
     def _as_batch(self, q: Array, v: Array, t: float | Array, parameters: Array | None) -> tuple[tuple[Array, ...], bool]:

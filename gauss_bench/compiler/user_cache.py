@@ -15,7 +15,7 @@ from pathlib import Path
 from gauss_bench.atomic import PART, write_bytes
 
 DIGEST = hashlib.sha256().digest_size
-ABANDONED = 600.0  # [s] age at which an unfinished file is removed: its process must have been killed
+ABANDONED = 600.0  # [s] age above which an unfinished file is removed: its process must have been killed
 MAGIC = b"gauss-bench cache 2\n"
 
 
@@ -42,7 +42,7 @@ def trusted_folder() -> Path | None:
 
 
 def load(name: str) -> bytes | None:
-    """Return the content that is stored under a file name; None if the file is missing, damaged or not trusted."""
+    """Return the content stored under a file name; None if the file is missing or damaged, or the folder is not trusted."""
     path = trusted_folder()
     if path is None:
         return None

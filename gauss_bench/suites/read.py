@@ -58,7 +58,7 @@ def _read(name: str, above: tuple[str, ...]) -> Suite:
 
 
 def _change(suite: Suite, change: Callable[[str, Any], Any]) -> Suite:
-    """Return the suite with each section x, of a kind `name` in SECTIONS, replaced by change(name, x), or left out for None."""
+    """Replace each section x of the kind `name` by change(name, x), or remove it if the result is None; return the new suite."""
     changed = {name: [change(name, section) for section in getattr(suite, name)] for name in SECTIONS}
     return suite.model_copy(update={name: tuple(x for x in sections if x is not None) for name, sections in changed.items()})
 
@@ -77,7 +77,7 @@ def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
 
 
 def join_entries(suites: Sequence[Suite]) -> Suite:
-    """Return one suite with the sections of all suites, equal ones once, and the title of the last."""
+    """Return one suite with the distinct sections of all suites, and the title of the last."""
     content: dict[str, Any] = {}
     for name in SECTIONS:
         distinct: list[Any] = []
@@ -112,7 +112,7 @@ def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
     """
 
     def select(name: str, section: Any) -> Any:
-        """Return a section with those of the given engines that it has; None if it has none of them."""
+        """Return a section restricted to the given engines; None if it has none of them."""
         if name not in ("accuracy", "cost", "search", "field"):
             return section
         chosen = tuple(e for e in engines if not section.engines or e in section.engines)  # all, if the section names none
@@ -124,13 +124,13 @@ def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
 def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
     """Return the suite restricted to the given linkages (name or path -> scenario).
 
-    A section with `any_linkage` is run for all given linkages, in the given scenarios. A section without it keeps those of its
-    linkages that are given, each in the scenario that the section names. Sections without linkages are left out, except `left_out`
-    and the sections whose results are computed from times of other sections.
+    A section with `any_linkage` is run for all given linkages, in the given scenarios. A section without it keeps its linkages that
+    are given, each in the scenario that the section names. Sections without linkages are left out, except `left_out` and the
+    sections whose results are computed from times of other sections.
     """
 
     def keep(name: str, section: Any) -> Any:
-        """Return a section with those of the given linkages that it is run for; None if there are none."""
+        """Return a section with the given linkages for which it is run; None if there are none."""
         if not isinstance(section, OnLinkages):
             return section if name in ("left_out", "steps", "right_hand_side", "bounds") else None
         chosen = linkages if section.any_linkage else {x: s for x, s in section.linkages.items() if x in linkages}

@@ -29,7 +29,7 @@ class OnLinkages(Section):
 
     Attributes:
         linkages: name of a linkage, or path of its file relative to the suite's folder -> scenario.
-        any_linkage: whether the section can be run for any linkage that a user names; if not, it is run for the listed ones only.
+        any_linkage: whether the section can be run for any linkage that a user names; if not, for the listed linkages alone.
     """
 
     linkages: Linkages
@@ -213,11 +213,11 @@ class Search(OnLinkages):
         processes: number of processes that time the settings, one process after the other.
         rounds: number of rounds in each process.
         lead: duration of the part of a run with equal steps that is timed [s]; the time of a longer run is extrapolated.
-        aims: name of an engine -> the aim, a smallest ratio of the time of its cheapest setting to that of the cheapest setting
+        aims: name of an engine -> smallest intended ratio of the time of its cheapest setting to the time of the cheapest setting
             of `own`.
         aimed: required errors of positions [m] for which the ratios in `aims` count.
         authors: paths of files with settings that engines' authors contributed, besides those in the engines' folders.
-        brief: whether only the variants that an engine tries first are searched, but those of the formulations in numpy too.
+        brief: whether the search takes only the variants that an engine tries first, and includes the formulations in numpy.
     """
 
     engines: tuple[str, ...] = ()

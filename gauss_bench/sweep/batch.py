@@ -103,7 +103,7 @@ def in_batches(engine: str) -> bool:
     return engine in FORMULATIONS
 
 
-_kernel_lock = threading.Lock()  # one thread uses a kernel at a time, because it has counters and may generate more code
+_kernel_lock = threading.Lock()  # one thread uses a kernel at a time: a kernel has counters and may generate more code
 
 
 @lru_cache(maxsize=4)
@@ -114,7 +114,7 @@ def family(case: SweepCase) -> Family:
 
 @lru_cache(maxsize=4)
 def kernel(case: SweepCase, engine: str) -> Kernel:
-    """Return the kernel (the compiled program) by which this engine simulates all samples of the sweep.
+    """Return the kernel (the compiled program) with which this engine simulates all samples of the sweep.
 
     Raises:
         MissingExtra: there is no compiler.
@@ -200,7 +200,7 @@ def _judge(evidence: Evidence, load_mechanism: Callable[[], Mechanism], motion: 
     verdict = judge(evidence)
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
         # the sample times may be too far apart to resolve the energy that damping takes between them: `without_loss` here removes
-        # every loss of energy. Only if the judge then has fewer objections, the losses that the sample times resolve are computed
+        # every loss of energy. If the judge then has fewer objections, the losses that the sample times resolve are computed
         lenient = replace(evidence, seen=metrics.without_loss(motion.t, evidence.energy, 0.0))
         if len(judge(lenient).objections) < len(verdict.objections):
             evidence = replace(evidence, seen=measurable_gain(load_mechanism(), motion, evidence))

@@ -100,7 +100,7 @@ class Family:
                     is_open = rest[1].removesuffix("_deg") in numbers.get(rest[0], ())
             if not is_open:
                 return f"{path} cannot be an input of a kernel"
-            # the numbers of welded links are merged into those of one body, and are no inputs of their own
+            # the numbers of welded links are merged into those of one body, and are not inputs themselves
             if head in ("links", "ground") and ("welds" in self.document or "cylinders" in self.document):
                 return f"{path} may be part of a welded body"
         return ""
@@ -300,7 +300,7 @@ def _residual(held: Sequence[tuple[Coordinate, Any]], q: Array) -> tuple[Array, 
 
 
 def _is_still(_: Array, size: Array) -> bool:
-    """Tell whether the last corrections, of sizes (k,), are rounding in all samples that have not failed: whose size is finite."""
+    """Tell whether the last corrections, of sizes (k,), are rounding in all samples; a size that is not finite is a failure."""
     return not (size[np.isfinite(size)] > 1e-14).any()
 
 
@@ -314,7 +314,7 @@ def _solve(J: Array, right: Array) -> Array:
     is_finite = np.isfinite(J).all(axis=(1, 2))
     x = np.full((len(J), J.shape[2]), np.nan)
     if is_finite.any():
-        # smaller singular values, relative to the largest, belong to redundant rows
+        # singular values below 1e-9 times the largest belong to redundant rows
         x[is_finite] = (np.linalg.pinv(J[is_finite], rcond=1e-9) @ right[is_finite][..., None])[..., 0]
     return x
 

@@ -63,7 +63,7 @@ def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
     largest, row = dict[str, Array](), 0  # row: first multiplier of the joint
     for joint in mechanism.joints:
         held: tuple[tuple[Coordinate, float], ...] = joint.held
-        # components of the force: multipliers of lengths; that of an angle is a moment
+        # multipliers of lengths are components of the force; that of an angle is a moment
         parts = [multipliers[..., row + k] for k, (x, _) in enumerate(held) if x.unit == "m"]
         largest[f"force.{joint.name}"] = np.linalg.norm(parts, axis=0).max(axis=0)
         row += len(held)
@@ -103,7 +103,7 @@ def _energy(mechanism: Mechanism, x: Placed, t: Array, multipliers: Array) -> tu
         power = power - multipliers[..., k] * np.asarray(driver.law(t)[1] + 0 * t)[:, None]
     energy = kinetic + potential
     gain = energy - energy[0]
-    bar = 8 * np.finfo(float).eps * (1.0 + np.abs(energy).max(axis=0))  # of rounding
+    bar = 8 * np.finfo(float).eps * (1.0 + np.abs(energy).max(axis=0))  # rounding errors
     scale = np.maximum(kinetic.max(axis=0), np.ptp(potential, axis=0))
     active = np.isfinite(power).all(axis=0) & power.any(axis=0)  # (batch,) motions with a power to integrate
     if active.any() and len(t) > 1:

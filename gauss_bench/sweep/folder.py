@@ -25,7 +25,7 @@ from gauss_bench.sweep.errors import SweepError
 from gauss_bench.tables import refuse_foreign
 
 PLAN, PARTS, PICTURE = "plan.json", "samples", "summary.svg"
-SIGN = "<!-- drawn by gauss-bench sweep -->\n"  # last line of the picture, by which a sweep recognises it
+SIGN = "<!-- drawn by gauss-bench sweep -->\n"  # last line of a picture that a sweep drew
 TEXTS = ("engine", "status", "message")  # columns of texts; all other columns are numbers
 
 
@@ -38,7 +38,7 @@ class Folder:
     """
 
     def __init__(self, path: Path, stamp: Mapping[str, Any], columns: Mapping[str, str]):
-        """Set up the folder of a sweep, which `with` makes and locks; `columns`: name of a column of numbers -> its unit."""
+        """Set up the folder of a sweep; `with` makes and locks it. `columns`: name of a column of numbers -> its unit."""
         # through JSON and back, so that the stamp compares equal to one that is read from a file: tuples become lists
         self.path, self.stamp = path, json.loads(json.dumps(stamp))
         fields = [pa.field("sample", pa.int64(), nullable=False)]
@@ -98,7 +98,7 @@ def _read_part(path: Path) -> Any:
 
 
 def check(path: Path, stamp: Mapping[str, Any]) -> None:
-    """Raise an error unless a folder is new, empty, or that of a sweep with an equal `stamp` (the data that determine all rows).
+    """Raise an error unless a folder is new, empty, or of a sweep with an equal `stamp` (the data that determine all rows).
 
     Raises:
         SweepError: the parent folder is missing, or the folder holds another sweep or something else.

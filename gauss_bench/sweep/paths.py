@@ -1,9 +1,9 @@
 """Numbers of a linkage file by their paths: `links.rod.mass`, `forces.motor.value`, `links.rod.points.P.y`, `links.rod.length`.
 
 A path consists of names of tables and keys. A zero-based index selects an entry of a list, and x and y select the entries of a
-pair. One path is no key of the file:
+pair. One path is not a key of the file:
 
-    links.NAME.length:   the distance of the two points of the link's first bar [m]
+    links.NAME.length:   the distance between the two points of the link's first bar [m]
 
 A change of this length moves every named point of the link along the bar, and also the link's `com` if the file gives it. Let P be
 the first point of the bar, u the unit vector along the bar, p a point of the link, p_n the component of p - P across the bar, and

@@ -106,7 +106,7 @@ def _number(text: str, value: str) -> float:
     """Return the number that the text `value` contains, which is a part of the --vary option `text`.
 
     Raises:
-        SweepError: the text is no finite number.
+        SweepError: the text is not a finite number.
     """
     try:
         number = float(value)
@@ -124,7 +124,7 @@ def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "rand
         texts: values of the --vary options.
         samples: number of samples; None for a plan of grids alone, whose points are the samples.
         sampling: "random" or "sobol".
-        seed: of the random values or of the scrambling.
+        seed: seed of the random values or of the scrambling.
 
     Raises:
         SweepError: the options do not make a plan.

@@ -36,7 +36,7 @@ BACKENDS = ("local", "dask")
 PAUSE = 5.0  # [s] between lines of progress
 LIMIT = 60.0  # [s] default of the time of one sample in a worker
 MOST_STEPS = 1e8  # largest number of steps of one sample
-STEP = 1e-3  # [s] default of the step
+STEP = 1e-3  # [s] default step
 EIGHTH_ORDER, EIGHTH_ORDER_STEP = "dop853_fixed", 2e-3  # default integrator and step [s] of engines that run batches
 FIRST = 3.0  # [s] limit for finding a scheduler
 Tell = Callable[[str], None]
@@ -187,7 +187,7 @@ def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, job
     if count > MOST_STEPS:
         option = f"--until {until:g}" if how.step is None else f"--step {how.step:g}"
         raise SweepError(f"{option}: {count:.1e} steps a sample; {MOST_STEPS:.0e} are the most")
-    for name, choice in choices:  # an engine that runs in a process of its own is not loaded here: it refuses in its process
+    for name, choice in choices:  # an engine that runs in a process of its own is not loaded here, but checked in its process
         reason = "" if is_isolated(name) else get(name).skip(mechanism, choice)
         if reason:
             raise SweepError(f"--engine {name}: {reason}")
@@ -203,7 +203,7 @@ def _choice(engine: str, how: Options, until: float) -> Choice:
     """
     offered = offer(engine)
     integrator = EIGHTH_ORDER if in_batches(engine) and not (how.integrator or how.settings) else how.integrator
-    # the default of the step depends on the integrator that `choose` selects: STEP stands for it here
+    # the default step depends on the integrator that `choose` selects: STEP is a placeholder here
     choice = offered.choose(how.settings, integrator, how.stabilization, STEP if how.step is None else how.step)
     if not offered.usable:
         raise SweepError(f"--engine {engine}: {offered.reason}")
@@ -232,7 +232,7 @@ def _stamp(case: SweepCase, vary: Sequence[str], samples: Plan, sampling: str, s
 
 @dataclass(frozen=True)
 class _Batch:
-    """One task of a sweep: the samples `first` to `end` - 1, simulated in one engine and stored as the part `number`."""
+    """One task of a sweep: the samples `first` to `end` - 1, simulated by one engine and stored as the part `number`."""
 
     number: int
     engine: str
@@ -270,7 +270,7 @@ def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str],
     last_report, started, done = time.monotonic(), time.monotonic(), total - missing
     jobs = -1 if where.backend == "dask" else where.jobs  # a cluster uses all of its workers
     with _use_backend(where, engines):
-        # dispatch no more tasks than fit into the queue of loky's processes: with more, its thread fails on an interrupt
+        # dispatch no more tasks than fit into the queue of loky's processes: with more, the queue's thread fails on an interrupt
         work = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
         # the rows of a batch are sent back to this process, which writes them
         tasks = (delayed(_run_batch)(case, x, samples.values[x.first : x.end]) for x in waiting)

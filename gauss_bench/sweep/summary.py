@@ -1,7 +1,7 @@
 """Summarise a sweep: counts by status, quantiles of every figure (number in a row, see `figures.py`), and sensitivities.
 
 The sensitivities of a Sobol plan are Sobol's indices: the share of a figure's variance that a varied number explains alone (first),
-and together with all other varied numbers (total). If the plan has grids or random values, the sensitivities are Spearman's rank
+or alone and by interactions with others (total). If the plan has grids or random values, the sensitivities are Spearman's rank
 correlations between the varied numbers and the figures.
 """
 
@@ -23,7 +23,7 @@ class SobolIndices(TypedDict):
 
     Attributes:
         first: share of the variance that the number explains alone.
-        total: share of the variance that the number explains alone and together with other varied numbers.
+        total: share of the variance that the number explains alone and by interactions with other varied numbers.
     """
 
     first: float
@@ -117,8 +117,7 @@ def _summarise(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
 def sensitivities(plan: Plan, y: Array) -> dict[str, Any]:
     """Return {"sobol": ...} or {"rank_correlation": ...} of a figure y (N,), or {} if it has too few values or does not vary.
 
-    y is NaN for a sample without the figure. With one such sample, Sobol's indices cannot be computed, and rank correlations take
-    their place.
+    y is NaN for a sample without the figure. If there is such a sample, rank correlations are computed instead of Sobol's indices.
     """
     known = np.isfinite(y)
     if plan.base and known.all():

@@ -63,8 +63,8 @@ class ClosingProgram:
         # only where the driver moves it in this scenario.
         analysis = study(replace(driven, drivers=()) if driven.dof == 1 else driven)
         correction, motion = _Equations(driven, analysis).solve()
-        n, K = driven.n, len(driven.drivers)  # u, w, b, g: value, both time derivatives, and change of each input
-        # None: the code of the two functions is not merged, so that they share no instructions
+        n, K = driven.n, len(driven.drivers)
+        # None: every node has an instruction of its own
         self.correction: Function = function((("q", n), ("u", K)), correction, None)
         self.motion: Function = function((("q", n), ("u", K), ("w", K), ("b", K), ("g", K)), motion, None)
         self.driven = driven
@@ -106,7 +106,7 @@ class Driven(Links):
         return self.levels[int(law.name)]
 
     def rate(self, k: int) -> Node:
-        """Return the rate of coordinate k: that in `rates` if given, else an input of the graph."""
+        """Return the rate of coordinate k: rates[k] if `rates` is given, else an input of the graph."""
         return super().rate(k) if self.rates is None else self.rates[k]
 
 
@@ -133,8 +133,8 @@ class _Equations:
         self.graph = graph = ExpressionGraph(len(q))
         self.states = States(np.zeros(len(q)), q, np.random.default_rng(0).normal(size=q.shape))
         self.u = tuple(graph.input("u", k, x, 1.0) for k, x in enumerate(u))
-        # w, b and g (first and second time derivatives, and changes, of the inputs) get arbitrary values near 1 at the samples
-        # that differ, so that no terms cancel by accident
+        # w, b and g (first and second time derivatives, and changes, of the inputs) get different arbitrary values near 1 at the
+        # samples, so that no terms cancel by accident
         self.w, self.b, self.g = (
             tuple(graph.input(letter, k, 1.0 + 0.1 * np.sin(x + place), 1.0) for k, x in enumerate(u))
             for place, letter in enumerate("wbg", start=1)
@@ -145,9 +145,8 @@ class _Equations:
     def _in_same_assembly(self, q: Array) -> Array:
         """Return the positions among q (k, n) that are not nearly singular and at which det J has the same sign as at the start.
 
-        J is made square: each redundant row is left out, after multiples of it by the factors in `drop.shares` are added to kept
-        rows. A position is nearly singular if its smallest singular value, relative to the largest, is far below the median over
-        positions.
+        J is made square: each redundant row is left out, after it is added to kept rows with the factors in `drop.shares`. A
+        position is nearly singular if its smallest singular value, relative to the largest, is far below the median over positions.
 
         Raises:
             KernelError: the start is at a singular position.
@@ -183,7 +182,7 @@ class _Equations:
             return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.is_zero}), n)
 
         def follow(rates: Sequence[Node], seconds: Sequence[Node]) -> tuple[list[Node], list[Node]]:
-            """Return the first and second derivatives (n) of all coordinates for those (`rates`, `seconds`) of the inputs."""
+            """Return the first and second derivatives (n) of all coordinates; `rates`, `seconds` are those of the inputs."""
             v = solve_rows([-row.phi_t for row in self._rows(rates, seconds)])
             return v, solve_rows([row.gamma for row in self._rows(rates, seconds, v)])
 

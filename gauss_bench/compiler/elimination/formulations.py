@@ -50,9 +50,9 @@ from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factor_
 from gauss_bench.mechanism.equations import Row
 from gauss_bench.mechanism.lines import line_names, line_values
 
-Guard = tuple[Node, float]  # a pivot, and its threshold: where its absolute value is smaller, the program must not be used
+Guard = tuple[Node, float]  # a pivot and its threshold: the program must not be used where |pivot| < threshold
 
-REACH = 12  # most places between two terms of a long sum that are tried as a pair whose sum simplifies (`ExpressionGraph.total`)
+REACH = 12  # largest distance between two terms of a long sum whose own sum is tried as one node (`ExpressionGraph.total`)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +138,8 @@ class Gauss:
         factors, reduced_mass: the factorisations of Jd, the columns of J for the dependent coordinates, and of N^T M N.
         N: the free motions (velocities v with J v = 0), one for each independent coordinate, each a dict coordinate -> node.
         guards: pivots that must not be small where the acceleration is evaluated, with their thresholds.
-        correcting: further guards, which corrections need: none.
-        directions: the free motions, and the further guards that they need: none.
+        correcting: further guards of corrections, an empty list.
+        directions: the free motions, and their further guards, an empty list.
     """
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search):
@@ -217,7 +217,7 @@ def _factorise_metric(graph: ExpressionGraph, motions: Sequence[Sparse], weights
         for l in range(k + 1):
             products = {j: x * motions[l][j] for j, x in motions[k].items() if j in motions[l]}
             A[k, l] = A[l, k] = graph.total(_weigh(graph, weights, products), distance=REACH)
-    return lu(graph, A, unknowns, unknowns, Search(search.seed))  # by the plain rule: other settings are for the larger J
+    return lu(graph, A, unknowns, unknowns, Search(search.seed))  # default settings: the others are chosen for the larger J
 
 
 def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Sparse) -> list[Node]:
@@ -303,7 +303,7 @@ class Lagrange:
         A: Matrix = {}
         for k, N in enumerate(motions):
             A |= {(row, k): N[j] for row, j in enumerate(self.independent) if j in N}
-        return lu(self.terms.graph, A, unknowns, unknowns, Search(self.search.seed))  # other settings are for the larger matrix
+        return lu(self.terms.graph, A, unknowns, unknowns, Search(self.search.seed))  # default settings, as for N^T N
 
     @cached_property
     def _motions(self) -> Motions:
@@ -317,14 +317,14 @@ class Lagrange:
     def correction(self, residual: Sparse) -> Sparse:
         """Return the coordinate change with the least norm that cancels a residual (a dict row -> node of the graph)."""
         right = {self.n + r: -x for r, x in residual.items()}
-        if self.single:  # the solution with masses is the smallest in the mass metric: remove the free motion from it
+        if self.single:  # the solution with masses has the least norm in the mass metric: remove its free motion
             return self._motions.remove_free_part(self._coordinates(self.factors.solve(right)))
-        return self._coordinates(self._units.solve(right))  # with unit masses the solution is the shortest by itself
+        return self._coordinates(self._units.solve(right))  # with unit masses the solution has the least norm
 
     def velocity(self, v: Sequence[Node]) -> Sparse:
         """Return the velocities nearest to v (n,) that satisfy the constraint rows."""
         if self.single:
-            # any velocities that satisfy the rows: J v = -phi_t stands in rows n + r
+            # vp, any velocities that satisfy the rows: the equations J v = -phi_t are the rows n + r
             driven = self.factors.solve({self.n + r: x for r, x in self.terms.driven.items()})
             return self._motions.nearest(v, self._coordinates(driven))
         # otherwise correct v by the residual J v + phi_t
@@ -343,13 +343,13 @@ class Lagrange:
 
     @property
     def directions(self) -> tuple[list[Sparse], list[Guard]]:
-        """Free motions (coordinate -> node) that each move one independent coordinate alone, and the guards that they add."""
+        """Free motions (coordinate -> node), each of which moves a single independent coordinate, and their further guards."""
         graph, motions, factors = self.terms.graph, self._free_motions, self._mobility
         if len(motions) == 1:
             return motions, list_guards(factors)
-        separate = []  # motions that each move one independent coordinate
-        # a unit force along one independent coordinate moves the others too: column k of the inverse mobility has the amounts of
-        # the motions in that combination which moves independent coordinate k alone
+        separate = []
+        # a unit force along one independent coordinate moves the others too: column k of the inverse mobility has the factors of
+        # the motions in the combination that moves no independent coordinate but k
         for amounts in [factors.solve({k: graph.constant(1.0)}) for k in range(len(motions))]:
             sums = (graph.total([motions[l][j] * x for l, x in amounts.items() if j in motions[l]]) for j in range(self.n))
             separate.append(_without_zeros(enumerate(sums)))
@@ -361,7 +361,7 @@ def list_guards(factors: Factors) -> list[Guard]:
 
     Constant pivots are left out. A constant factor of a pivot is divided out, so that multiples of one node are a single guard.
     """
-    guards: dict[int, Guard] = {}  # index of a node -> guard; of two multiples of one node the larger threshold counts
+    guards: dict[int, Guard] = {}  # index of a node -> guard; if a node has two thresholds, the larger one is used
     for p in factors.all_pivots:
         if p.node.number is None:
             factor, base = factor_out(p.node)
@@ -370,8 +370,8 @@ def list_guards(factors: Factors) -> list[Guard]:
     return list(guards.values())
 
 
-# Factor on the thresholds of pivots if the kept rows are nearly dependent at some sample: digits are lost long before pivots become
-# small, and programs that drop other rows are used there.
+# Factor on the thresholds of pivots if the kept rows are nearly dependent at some sample: there digits are lost long before pivots
+# become small, and programs that drop other rows are used.
 CAUTION = 100.0
 
 
@@ -418,7 +418,7 @@ class Workspace:
         mass = [links.number(f"links.{link.name}.{key}") for link in mechanism.links for key in ("mass", "mass", "inertia")]
         kept_rows = keep_rows(graph, self.rows, self.kept, self.drop)
         self.terms = Terms(graph, tuple(mass), kept_rows, generalised_force(links), bool(self.drop.shares))
-        self.caution = 1.0 if (soundness >= ENOUGH).all() else CAUTION  # the kept rows are far from dependent at all samples
+        self.caution = 1.0 if (soundness >= ENOUGH).all() else CAUTION  # 1: kept rows far from dependent at all samples
         self.moving = bool((condition >= ENOUGH).all())
         self.mark = len(graph.trail)
 
@@ -456,7 +456,7 @@ class Workspace:
         return of_rows
 
     def damped_gamma(self, alpha: float, beta: float) -> dict[int, Node]:
-        """Return Baumgarte's right-hand side gamma - 2 alpha phi' - beta^2 phi of each kept row: index in `kept` -> node."""
+        """Return gamma - 2 alpha phi' - beta^2 phi (Baumgarte) of each kept row: index in `kept` -> node; zeros are left out."""
         sides: dict[int, Node] = {}
         for k, row in enumerate(self.terms.rows):
             side = row.gamma - rate_of(self.links, row) * (2 * alpha)

@@ -1,6 +1,6 @@
 """Straight-line functions: the result of an elimination as a list of operations, independent of the target machine.
 
-The operations stand in the order in which their nodes were made. A reciprocal that is used once becomes a part of a division, and
+The operations are in the order in which their nodes were made. A reciprocal that is used once becomes a part of a division, and
 the negative of a difference that is used once becomes the opposite difference.
 """
 
@@ -74,7 +74,7 @@ class Function:
         return sum(x.operation not in ("INPUT", "CONST") for x in self.instructions)
 
     def angles(self, argument: int) -> set[int]:
-        """Return the components of an argument that are the whole operand of a sine or cosine, and not only a term in it."""
+        """Return the indices of the components of an argument of which the function computes a sine or cosine."""
         # operands of SIN and COS: index of an instruction; of INPUT: index of the argument, index of the component
         sources = [self.instructions[x.operands[0]] for x in self.instructions if x.operation in ("SIN", "COS")]
         return {s.operands[1] for s in sources if s.operation == "INPUT" and s.operands[0] == argument}
@@ -114,8 +114,8 @@ class Function:
         operation, operands, _ = x  # the number of a constant does not matter here
         begins = max([ready[k] for k in operands], default=0.0)  # when the last operand is ready
         if operation in ("ADD", "SUB"):
-            # a product that is used here alone is fused with the sum, which then waits for its factors and the other summand; of
-            # two such products the one is fused that lets the sum begin earlier
+            # a product that is used only here is fused with the sum, which then waits for the product's factors and the other
+            # summand; if both summands are such products, the one that lets the sum begin earlier is fused
             for k, other in (operands, operands[::-1]):
                 product = self.instructions[k]
                 if product.operation == "MUL" and used[k] == 1:

@@ -41,7 +41,7 @@ class Pivot:
     """One pivot p.
 
     Attributes:
-        row, column: its place in the matrix.
+        row, column: indices of p in the matrix.
         node, inverse: p and 1/p as expressions.
         row_divided: whether the other entries of the pivot's row were multiplied by 1/p; if not, those of its column were.
         threshold: smallest |p| for which the code is valid.
@@ -157,11 +157,11 @@ def _enter(target: Sparse, index: int, x: Node | None, factor: Node | None) -> N
         target[index] = x if factor is None else x * factor
 
 
-RELATIVE = 0.05  # least size of a pivot relative to the largest entry in its row, with columns scaled
-SMALLEST = 1e-9  # least size of a pivot
-SHARE = 0.25  # least share of the samples at which a pivot must be usable
+RELATIVE = 0.05  # smallest ratio of a pivot to the largest entry in its row, with columns scaled
+SMALLEST = 1e-9  # smallest absolute value of a pivot
+SHARE = 0.25  # smallest fraction of the samples at which a pivot must be usable
 GUARD = 1e-3  # threshold relative to the largest entry in the pivot's row: a smaller pivot costs more than three digits
-CROSSED = 3  # most entries of a row that is multiplied by a pivot; it is multiplied by one pivot at most, because its entries grow
+CROSSED = 3  # largest number of entries of a row that is multiplied by a pivot; at most once, because the entries grow
 LOOKED_AT = 8  # number of rows and of columns, those with the fewest entries, among which a pivot is sought first
 
 Matrix = dict[tuple[int, int], Node]
@@ -211,7 +211,7 @@ class _Entry:
     def add(self, node: Node) -> None:
         """Add a summand; its values at the samples are added to those of the sum only when they are needed.
 
-        `generic` and `largest` at the random points are kept up to date at once: they show whether the sum cancels.
+        `generic` and `largest` at the random points are updated at once: they show whether the sum cancels.
         """
         self.terms.append(node)
         self._not_yet_added.append(node)
@@ -234,7 +234,7 @@ class _Entry:
         return abs(x) <= VANISHES * a and abs(y) <= VANISHES * b and abs(z) <= VANISHES * c
 
     def node(self) -> Node:
-        """Return the sum as one node of the graph; it takes the place of the summands, so that it is formed only once."""
+        """Return the sum as one node of the graph; the node replaces the summands, so that it is formed only once."""
         if len(self.terms) > 1:
             self.terms = [self.terms[0].graph.total(self.terms)]
         return self.terms[0]
@@ -243,7 +243,7 @@ class _Entry:
     def penalty(self) -> float:
         """The number added to Markowitz's count for a division by the entry: 0 for +-1, 0.5 for another constant, else 1."""
         first, second, _ = self.generic
-        # different values at two random points: the entry is no constant, and its sum need not be formed to know that
+        # different values at two random points: the entry is not constant, which is known without forming its sum
         if len(self.terms) > 1 and abs(first - second) > 1e-9 * abs(first):
             return 1.0
         number = self.node().number
@@ -258,13 +258,12 @@ class _Entry:
 
 
 class _Sizes(NamedTuple):
-    """Absolute values of the entries of one row, each column divided by its largest entry at the beginning.
-
-    Only the trusted samples count, at which pivots must be usable.
+    """Absolute values of the entries of one row at the trusted samples, each divided by the `scale` of its column.
 
     Attributes:
+        largest: (trusted samples,) the largest of these values.
         relative: column -> smallest ratio, over the samples, of the entry in this column to `largest`.
-        usable: column -> whether the entry in this column is small at no sample.
+        usable: column -> whether the entry in this column is large enough for a pivot at all samples.
         steady: column -> whether the entry in this column is usable and has the same sign at all samples.
     """
 
@@ -315,7 +314,7 @@ class _Markowitz:
             if normal_equations and self._find_pivot(steady_only=True) is None:
                 rest = self._normal_equations()
                 break
-            # if no pivot is usable at every sample, one is taken that is usable at as many as possible; a threshold excludes others
+            # if no pivot is usable at every sample, take one that is usable at the most samples; thresholds exclude other states
             while (chosen := self._find_pivot()) is None:
                 self._trust_fewer()
             self._eliminate(*chosen)
@@ -336,7 +335,7 @@ class _Markowitz:
     def _trust_fewer(self) -> None:
         """Find the entry that is large enough for a pivot at the most samples, and restrict `trusted` to these samples.
 
-        At states like those of the other samples, programs with other pivots are used.
+        At states near the other samples, programs with other pivots are used.
 
         Raises:
             KernelError: the samples that remain are fewer than the fraction SHARE of all samples.
@@ -352,12 +351,10 @@ class _Markowitz:
         self.trusted, self.sizes = best, {}  # the stored sizes belong to the samples that were trusted before
 
     def _find_pivot(self, steady_only: bool = False) -> tuple[int, int, Array] | None:
-        """Return row and column of the cheapest pivot, and the absolute value of its row's largest entry at each trusted sample.
-
-        Return None if no entry is usable as a pivot.
+        """Return row and column of the cheapest pivot, and `_Sizes.largest` of its row; None if no entry is usable as a pivot.
 
         First a pivot that has the same sign at all trusted samples is sought in a few rows and columns, then in more rows and
-        columns; then, unless `steady_only`, a pivot whose sign changes.
+        columns; then, unless `steady_only`, a pivot of either sign.
         """
         rounds = [(LOOKED_AT, True), (LOOKED_AT**2, True)]  # (number of rows and of columns, steady)
         if not steady_only:
@@ -428,12 +425,11 @@ class _Markowitz:
     def _eliminate(self, r: int, c: int, largest: Array) -> None:
         """Eliminate column c from all rows except r, with the pivot in row r and column c.
 
-        With the pivot p, another row with the entry e in column c becomes (row) - (e / p) (pivot's row). If `crossed`, it becomes
-        p (row) - e (pivot's row). If the pivot's row has first been divided by p (`row_divided`), it becomes (row) - e (divided
-        row).
+        With the pivot p and the pivot's row P, another row R with the entry e in column c becomes R - (e / p) P. It becomes
+        p R - e P if `crossed`, and R - e P if P has first been divided by p (`row_divided`).
 
         Args:
-            largest: (trusted samples,) absolute value of the largest entry in row r; its median gives the pivot's threshold.
+            largest: (trusted samples,) largest entry in row r, with columns scaled; its median gives the pivot's threshold.
         """
         row = {k: e.node() for k, e in self.rows.pop(r).items()}
         pivot = row.pop(c)  # `row` keeps the other entries of the pivot's row, by column
@@ -453,8 +449,8 @@ class _Markowitz:
             factor = entry if row_divided or crossed else entry * inverse
             self.steps[other].append(RowOperation(r, factor, pivot if crossed else None))
             self._subtract(other, factor, row)
-            # to the end of the dict, whose order decides between equal pivots: a changed row is examined last, so that in a chain
-            # of links the elimination proceeds from both ends
+            # move the row to the end of the dict, whose order decides between equal pivots: a changed row is examined last, so that
+            # in a chain of links the elimination proceeds from both ends
             self.rows[other] = self.rows.pop(other)
         for k in row:
             self.columns[k] = self.columns.pop(k)
@@ -465,7 +461,7 @@ class _Markowitz:
     def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
         """Decide at random whether the rows `others` are multiplied by the pivot, which avoids a division.
 
-        They are with the probability `search.crossing` if all are short and none has been multiplied before, else never.
+        If all are short and none has been multiplied before, they are with the probability `search.crossing`; else they are not.
         """
         if not self.search.crossing or pivot.number is not None or not others:
             return False

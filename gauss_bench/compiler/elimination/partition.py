@@ -6,16 +6,16 @@ whether coordinates determine the velocities.
 
 Constraint rows to drop are chosen by a basis of the left null space of J, independent coordinates by a basis of the null space of
 J, and both in the same way (`choose_rows`). At each sample, a basis is a matrix with one row for each constraint row or coordinate.
-Of its rows, as many as it has columns are chosen, which must be linearly independent at all samples. The first one is the row whose
-smallest norm over all samples is the largest; then the component along this row is subtracted from all rows, and the next one is
+From a basis with c columns, c rows are chosen, which must be linearly independent at all samples. The first one is the row whose
+smallest norm over all samples is the largest; then the component along this row is subtracted from all rows, and the next row is
 chosen. In other words, the transposed bases are factorised by a column-pivoted QR factorisation, with the same pivots for all
 samples.
 
 The left null space may turn with the linkage, as in a parallelogram with a third crank: whichever row is dropped, the others are
 dependent at some position. Then a linear combination of two rows is dropped, whose coefficients are a vector w (m,). The kept
-combinations of rows are those whose coefficients are orthogonal to w. The kept combinations are independent wherever the left null
-vector l has the product l . w != 0. To form them, one of the two rows is dropped after a multiple of it is added to the other one;
-if several combinations are dropped, each dropped row may be added to several kept ones.
+combinations of rows are those whose coefficients are orthogonal to w. They are independent wherever l . w != 0, where l is the left
+null vector. To form them, one of the two rows is dropped after a multiple of it is added to the other one; if several combinations
+are dropped, each dropped row may be added to several kept ones.
 """
 
 from collections.abc import Iterable
@@ -42,7 +42,7 @@ def choose_rows(bases: Array, count: int, allowed: Iterable[int], first: int | N
 
     Args:
         bases: (k, n, c), at each of k samples a basis of c vectors (n,).
-        first: the row to begin with; None for the best.
+        first: the row to begin with; if None, the best one.
     """
     if count == 0:
         return ()
@@ -53,7 +53,7 @@ def choose_rows(bases: Array, count: int, allowed: Iterable[int], first: int | N
         sizes = np.linalg.norm(remainder, axis=2)  # (k, n)
         least_size = (sizes / largest).min(axis=0)  # (n,) smallest relative size of each row over all samples
         least_size[picked] = -1.0
-        # rounded, so that of equally good rows the first is picked, and not the one that rounding errors favour
+        # rounded, so that rounding errors do not decide between equally good rows; the first of them is picked
         best = max(open_rows, key=lambda k: round(float(least_size[k]), 9), default=None)
         if first is not None and not picked:
             best = first
@@ -78,12 +78,12 @@ def least_singular_values(bases: Array, rows: tuple[int, ...]) -> Array:
 
 SAMPLES = 48  # number of poses, about a tenth of a radian apart: a pivot that touches zero between two of them is small at both
 FEW = 8  # number of poses of a large linkage
-SINGULAR = 0.02  # smallest singular value relative to its median: a pose with less is too near to a singular position
-# The condition of a choice of rows or coordinates at a sample is their smallest singular value as above; 0 is singular.
-USABLE = 0.02  # least condition of a choice at a sample where it is used
+SINGULAR = 0.02  # smallest singular value, divided by its median over the poses, below which a pose is too near to a singular one
+# The condition of a choice of rows or coordinates at a sample is the result of `least_singular_values`; 0 is singular.
+USABLE = 0.02  # smallest condition of a choice at a sample where it is used
 ENOUGH = 5 * USABLE  # condition of a choice at a sample, below which a further choice is added
-MOST = 4  # number of choices at most
-NEAR = 0.5  # condition relative to the best choice of coordinates: among the choices above it the costs decide
+MOST = 4  # largest number of choices
+NEAR = 0.5  # condition, divided by that of the best choice of coordinates, above which the costs decide
 RATIOS = (1.0, -1.0, 0.5, -0.5, 2.0, -2.0)  # in a combination of two rows, the second coefficient divided by the first
 CANDIDATES = 6  # number of choices of independent coordinates that are tried
 
@@ -193,7 +193,7 @@ def study(mechanism: Mechanism) -> Study:
 def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
     """Choose combinations of two constraint rows to drop that leave rows independent at every sample; None if there are none.
 
-    A combination is row i + ratio row j, with a ratio out of RATIOS; row j is left out after a multiple of it is added to row i.
+    A combination is row i + ratio row j, with a ratio from RATIOS; row j is left out after a multiple of it is added to row i.
 
     Args:
         left: (k, m, redundant) bases of the left null space of J at k samples.
@@ -201,14 +201,14 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
     m, redundant = left.shape[1:]
     # of equally good pairs the first is picked: the order from the last row on gives shorter programs for the parallelogram
     pairs = [(i, j, ratio) for (i, j), ratio in product(combinations(sorted(allowed, reverse=True), 2), RATIOS)]
-    W = np.zeros((len(pairs), m))  # unit vectors: row i and `ratio` times row j
+    W = np.zeros((len(pairs), m))  # unit vectors: row i plus `ratio` times row j
     for row, (i, j, ratio) in zip(W, pairs, strict=True):
         row[[i, j]] = np.array([1.0, ratio]) / np.hypot(1.0, ratio)
-    # first the combinations: as many as rows are redundant, far from orthogonal to the left null space at all samples
+    # first choose as many combinations as rows are redundant, far from orthogonal to the left null space at all samples
     chosen = choose_rows(W @ left, redundant, range(len(pairs)))
     if chosen is None:
         return None
-    # then as many of their rows, in which the combinations are independent: these rows are dropped
+    # then choose as many rows, in which the combinations are independent, to be dropped
     dropped = W[list(chosen)]
     rows = choose_rows(dropped.T[None], redundant, allowed)
     if rows is None:
@@ -252,22 +252,21 @@ def _sparse_null_space(J: Array, free: int) -> Array:
 def candidates(study: Study) -> list[tuple[int, ...]]:
     """Return a few choices of independent coordinates, each of which is usable at every sample (its condition is above USABLE).
 
-    Well conditioned choices have a least condition above NEAR times that of the best choice. A well conditioned choice with the
-    crank's angle comes first, then a usable choice of angles only, then others at even spacing: in a long chain, choices near its
-    middle make the cheapest programs. A large linkage gets one choice only. If drivers prescribe the whole motion, the only choice
-    is the empty tuple: no coordinate is independent.
+    A well conditioned choice has a smallest condition above NEAR times that of the best choice. A well conditioned choice with the
+    crank's angle comes first, then a usable choice of angles, then others at even spacing, because in a long chain the coordinates
+    near its middle make the cheapest programs. A large linkage gets a single choice. If drivers prescribe the whole motion, the
+    single choice is the empty tuple: no coordinate is independent.
     """
     if study.free == 0:
         return [()]
     mechanism, coordinates = study.mechanism, range(study.mechanism.n)
-    # one choice for each coordinate that comes first in it
+    # for each coordinate the choice that begins with it
     begun_with_each = {choose_rows(study.bases, study.free, coordinates, first) for first in coordinates}
     angles = choose_rows(study.bases, study.free, coordinates[angle_slot(0) :: SIZE])  # among the indices of all angles
     # choice -> its condition at the worst sample
     worst = {x: float(conditions(study, x).min()) for x in {*begun_with_each, angles} if x is not None}
     best = max(worst.values(), default=0.0)
     sound = sorted(choice for choice, condition in worst.items() if condition > max(USABLE, NEAR * best))
-    # first a choice with the crank's angle, then the choice of angles only
     preferred = [] if mechanism.crank is None else [x for x in sound if angle_slot(mechanism.crank) in x][:1]
     if angles is not None and worst[angles] > USABLE:
         preferred.append(angles)
@@ -287,6 +286,6 @@ def conditions(study: Study, independent: tuple[int, ...]) -> Array:
 def covering(study: Study) -> list[tuple[int, ...]]:
     """Return choices of independent coordinates, one or more usable at each sample; the first has the crank's angle if possible."""
     crank = None if study.mechanism.crank is None else angle_slot(study.mechanism.crank)
-    # begin with the best candidate: one with the crank's angle if there is any, and of these the one with the best condition
+    # the best candidate: the one with the best condition among those with the crank's angle, or among all if there are none
     best_first = sorted(candidates(study), key=lambda x: (crank not in x, -float(conditions(study, x).min())))
     return _covering(study.bases, best_first[:1], range(study.mechanism.n))

@@ -8,9 +8,9 @@ The search tries independent coordinates and orders of pivots, and keeps those t
 rule for pivots many candidates are equally good. The choice among these pivots decides how many terms cancel later, and how long
 the longest chain of dependent operations is. Half of the attempts choose among equally good pivots by different rules, and the
 other half repeat the best of these rules with other seeds. The search is seeded, and its length depends on the linkage alone, so
-that a linkage always gives the same program. What it has found is stored on disk, so that a later process needs only one
-elimination. A small number in the environment variable GAUSS_BENCH_ATTEMPTS shortens the search, but the generated code may then
-need more time per step.
+that a linkage always gives the same program. Its result is stored on disk, so that a later process needs only one elimination. A
+small number in the environment variable GAUSS_BENCH_ATTEMPTS shortens the search, but the generated code may then need more time
+per step.
 """
 
 import json
@@ -39,7 +39,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 EFFORT = 2400  # largest product of the numbers of attempts and of unknowns, which bounds the time of a search to about a second
-LENGTH = 60_000  # largest product of the numbers of attempts and of operations of one attempt, which bounds it for large linkages
+LENGTH = 60_000  # largest product of the numbers of attempts and of operations of one attempt, a bound for large linkages
 SHORTER = "GAUSS_BENCH_ATTEMPTS"  # environment variable with the number of attempts, for this process and all that it starts
 THOROUGH = 144  # number of attempts if the environment does not give it
 
@@ -51,7 +51,7 @@ PRECISE = 1e-11
 # The price of an attempt is the estimate `Costs.single` of its acceleration.
 CLOSE = 1.03  # ratio of two prices that timing cannot distinguish
 REPEATED = 4  # number of rules that are repeated with other seeds
-SEARCHED = 3  # number of plans that are searched, the best ones by a plain attempt
+SEARCHED = 3  # number of plans that are searched: those with the cheapest plain attempts
 HOPELESS = 1.5  # price of a plan relative to the best one above which it is not searched
 NOISES, PATIENCES, CROSSINGS = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5)  # values of the search's settings
 SEEDS = 2  # number of seeds for each combination of these values
@@ -191,7 +191,7 @@ def _recall(analysis: Study, open_parameters: tuple[str, ...], name: str | None)
 __all__ = ["Costs", "Function", "KernelError", "Program", "generate", "known_program", "partitions"]
 
 
-NOTHING = Function((), (), ())  # takes the place of a function that a program does not have
+NOTHING = Function((), (), ())  # placeholder for a function that a program does not have
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,15 +207,15 @@ class Program:
         independent: the independent coordinates; in Lagrange's formulation they only parametrise the free motions.
         parameters: names of the parameters p: first those that the caller has named, such as "links.crank.mass" or
             "points.rod.A.x", then those of `mechanism/lines.py`, the level and slope of forces that are piecewise linear in time.
-        values: (n_p,) values of the parameters in the linkage file, and of those of `mechanism/lines.py` at t = 0.
+        values: (n_p,) values of the parameters: in the linkage file or, for those of `mechanism/lines.py`, at t = 0.
         dropped: names of the redundant rows that were dropped.
         acceleration: function (t, q, v, p) -> a (n,), guards.
         position_correction: function (t_at, q_at, t, q, p) -> dq (n,), the shortest Newton correction with the Jacobian at q_at and
-            the residual at q, and guards that it needs besides those of the acceleration.
+            the residual at q, and its guards besides those of the acceleration.
         nearest_velocity: function (t, q, v, p) -> the velocities (n,) nearest to v that the constraints allow, and the same
             additional guards.
         directions: function (t, q, v, p) -> for each independent coordinate a motion (n,) that the constraints allow and that moves
-            no other independent coordinate; last, guards that it needs besides those of the acceleration.
+            no other independent coordinate; last, its guards besides those of the acceleration.
         multipliers: function (t, q, v, p) -> lambda of M a + J^T lambda = Q, for all constraint rows in the file's order. If a
             redundant row was added to kept rows k with factors f_k before it was left out, its multiplier is sum_k f_k lambda_k,
             otherwise 0.
@@ -283,7 +283,7 @@ def generate(
     error = error_of(program, mechanism)
     if recalled is None:
         if error > PRECISE and best.search != PLAIN:
-            # pivots of a random search may lose digits in a large linkage; a plain attempt takes the largest pivots
+            # pivots of a random search may lose digits in a large linkage; a plain attempt prefers large pivots to small ones
             with suppress(KernelError):  # the plain attempt may find no usable pivots
                 plain = try_settings(best.work, [PLAIN])[0]
                 other = _write(analysis, plain, baumgarte)
@@ -323,8 +323,8 @@ def _write(analysis: Study, best: Attempt, baumgarte: tuple[float, float] | None
     multipliers = work.spread_multipliers(elimination.multipliers(work.terms.gamma))
     directions, direction_guards = elimination.directions  # free motions, and guards that they need in addition to `guards`
     pivots, correcting_pivots, direction_pivots = ([x for x, _ in group] for group in (guards, correcting, direction_guards))
-    # the code of a step merges the functions of these outputs, which must compute a common node by the same instruction: count its
-    # uses in all of them
+    # the code of a step merges the functions of these outputs, which must compute a common node by the same instruction: its uses
+    # in all of them are counted
     shared = uses([*a, *pivots, *dq, *nearest, *stabilized])
     size = len(links.parameters.names)
     at: Inputs = (("t", 1), ("q", n), ("v", n), ("p", size))
@@ -360,8 +360,8 @@ def _write(analysis: Study, best: Attempt, baumgarte: tuple[float, float] | None
 def error_of(program: Program, mechanism: Mechanism) -> float:
     """Return the largest relative error of a program at states other than the samples, on the constraints and off them.
 
-    The program is compared with the evaluation in numpy. The error is infinite if a result is NaN, or if the program is usable at
-    none of the states on the constraints.
+    The program is compared with the evaluation in numpy. The error is infinite if a result is not finite, or if the program is not
+    usable at any of the states on the constraints.
     """
 
     def accelerate(t: Array, q: Array, v: Array) -> tuple[Array, NDArray[np.bool_]]:

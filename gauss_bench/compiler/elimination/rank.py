@@ -3,8 +3,8 @@
     a = M^-1 Q + M^-1/2 (J M^-1/2)^+ (gamma - J M^-1 Q)
 
 is the acceleration without constraints plus a correction: of all corrections for which J a = gamma, the smallest in the mass
-metric. At a change point J loses rank, and the constraints allow velocities in one more direction; the motion goes on along the
-velocity that it has.
+metric. At a change point J loses rank, and the constraints allow velocities in one more direction; the motion continues with its
+present velocity.
 
 Generated programs are checked against these accelerations, which are derived independently of them, and which replace them where no
 program can be used.
@@ -25,9 +25,9 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms, baumgarte
 from gauss_bench.trajectory import States
 
-CHECKS, FEW = 9, 2  # numbers of states at which the program of a usual linkage, and that of a large one, is checked
+CHECKS, FEW = 9, 2  # number of states at which a program is checked: for a usual linkage, and for a large one
 OFF = 0.1  # [rad, typical lengths] size of the change of coordinates to a state at which residuals and energy are checked
-CHECKED = 1e-9  # largest relative error of a program: right ones reach 1e-12, and a wrong sign or a lost term gives far more
+CHECKED = 1e-9  # largest relative error of a program: correct ones have 1e-12, and a wrong sign or a lost term gives far more
 
 Accelerate = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]  # t (k, 1), q, v (k, n) -> a (k, n), usable (k,)
 
@@ -37,7 +37,7 @@ def _constrain(terms: Terms, mass: Array, solve: Callable[[Array, Array], Array]
 
     Args:
         solve: function (K, r) -> the minimum-norm x of K x = r, the pseudo-inverse.
-        passes: how often the correction is repeated for the remaining residual; a second pass reduces rounding errors.
+        passes: number of corrections; a second one, for the remaining residual, reduces rounding errors.
     """
     root = np.sqrt(mass)
     K, weighted = terms.J / root, terms.Q / root  # J M^-1/2, and M^1/2 a, which begins with the acceleration a without constraints
@@ -50,7 +50,7 @@ class RankDecision:
     """Accelerations, multipliers and integration steps of a mechanism, for one state at a time and any rank of J."""
 
     def __init__(self, mechanism: Mechanism, baumgarte: tuple[float, float] | None = None):
-        """Set up a mechanism; `baumgarte` are alpha and beta [1/s] of Baumgarte's terms, None if there are no such terms."""
+        """Set up a mechanism; `baumgarte` are alpha and beta [1/s] of Baumgarte's terms, None without such terms."""
         self.mechanism, self.baumgarte = mechanism, baumgarte
 
     @cached_property
@@ -91,10 +91,10 @@ class RankDecision:
 
 
 def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Array) -> float:
-    """Return the largest error of a component of an acceleration a (n,), relative to the acceleration.
+    """Return the largest relative error of an acceleration a (n,).
 
-    It is divided by the largest component of the true acceleration or of the acceleration without constraints, whichever is larger,
-    because the true acceleration may vanish, as at rest in equilibrium.
+    The error is divided by the largest component of the true acceleration or of the acceleration without constraints, whichever is
+    larger, because the true acceleration may vanish, as at rest in equilibrium.
     """
     terms = evaluator.terms(t, q, v)
     truth = _constrain(terms, evaluator.mass, shortest_solution, passes=2)
@@ -105,7 +105,7 @@ def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Ar
 
 
 def _states_to_check(mechanism: Mechanism) -> States:
-    """Return states on the constraints at which programs are checked: others than those at which pivots are chosen."""
+    """Return states on the constraints at which programs are checked; pivots are chosen at other states."""
     return manifold_states(mechanism, CHECKS if mechanism.n <= DENSE else FEW, seed=1)
 
 

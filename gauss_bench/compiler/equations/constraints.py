@@ -1,8 +1,8 @@
 """Constraint rows of a linkage as expressions: the code of `mechanism/equations.py` is called with nodes instead of numbers.
 
 Where the constraints hold, a driven distance equals the value L(t) of its law. L(t) is used instead of the distance, which saves a
-square root and several products. At states that violate the constraints, the use of L(t) changes the acceleration in proportion to
-the violation, but no residual. For slides the actual distance from the axis is used: the constant offset would change the errors of
+square root and several products. At states that violate the constraints, L(t) changes the acceleration in proportion to the
+violation, but no residual. For slides the actual distance from the axis is used: the constant offset would change the errors of
 steps, because stages violate the constraints by amounts of the order of the squared step size.
 """
 

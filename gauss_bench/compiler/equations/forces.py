@@ -26,8 +26,8 @@ from gauss_bench.mechanism.motion_laws import STEADY, Factor
 from gauss_bench.mechanism.spaces import Vec, angle_slot, dot, slots
 
 FLAT = 20.0  # |x| from which on |tanh(x)| is 1 to rounding
-DOUBLINGS, TERMS = 8, 11  # y = 2 FLAT / 2^8 = 0.16 at most: the next term y^12 / 12! is below a thousandth of rounding
-SMALLEST = 1e-300  # [N, N m] least divisor, which takes the place of a force of size zero
+DOUBLINGS, TERMS = 8, 11  # |y| <= 2 FLAT / 2^8 = 0.16: the next term y^12 / 12! is 4e-19, far below rounding
+SMALLEST = 1e-300  # [N, N m] smallest divisor, used in place of a force of size zero
 
 
 def generalised_force(links: Links) -> dict[int, Node]:
@@ -53,15 +53,15 @@ def _weights(links: Links) -> Iterable[dict[int, Node]]:
 def _generalise_varying(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
     """Return the generalised force of a force that varies: index of a coordinate -> node.
 
-    It is Q f(t) d(w). Q is that of the steady force, f the time factor, and w the speed along the force. d is 1 for motion along
-    the force and `factor.share` for motion against it, with a smooth transition of the width `factor.speed`.
+    The result is Q f(t) d(w): Q belongs to the steady force, f is the time factor, w the speed along the force. d is 1 for motion
+    along the force and `factor.share` for motion against it, with a smooth transition of the width `factor.speed`.
     """
     (load,) = force.to_loads()
     graph = links.graph
     entries = {k: graph.node(x) for k, x in equations.generalise(links, load).items()}
     value: Any = force.value
     square = dot(value, value) if isinstance(value, Vec) else value * value
-    size = maximum(graph.sqrt(square), graph.constant(SMALLEST))  # of the steady force
+    size = maximum(graph.sqrt(square), graph.constant(SMALLEST))  # magnitude of the steady force
     # only piecewise linear factors with kinks have level and slope as parameters of the program
     level, slope = (links.number(f"forces.{force.name}.{key}") if factor.kinks else links.zero for key in ("level", "slope"))
     depends_on_direction = factor.share != 1.0

@@ -79,13 +79,13 @@ class _Replacement:
     """Replaces numbers of a mechanism by the new values in `numbers`.
 
     Attributes:
-        zeros: 0 or zeros (k,), by which a number that is not replaced gets the shape of the new ones.
+        zeros: 0 or zeros (k,), added to a number that is not replaced, to give it the shape of the new ones.
         ground: name -> new position of the points of the ground.
         links: the links with new numbers.
     """
 
     def __init__(self, mechanism: Mechanism, numbers: Mapping[str, Any]):
-        """Replace the numbers of points and links; `mechanism` replaces those of all other components."""
+        """Replace the numbers of points and links; the method `mechanism` replaces all other numbers."""
         self.old, self.numbers, self.named = mechanism, numbers, named_numbers(mechanism)
         self.zeros = 0.0 * next(iter(numbers.values()))
         self.ground = self._points("ground", mechanism.ground_points)
@@ -147,7 +147,7 @@ class Parameters:
     def __init__(self, mechanism: Mechanism, opened: tuple[str, ...], lines: Mapping[str, float] | None = None):
         """Set up the numbers of a mechanism; those that are not `opened` are constants.
 
-        Further parameters, which are no numbers of the file, are the `lines` (name -> value) of `mechanism/lines.py`.
+        The `lines` (name -> value) of `mechanism/lines.py`, which are not numbers of the file, are parameters too.
 
         Raises:
             KernelError: the mechanism has no number of one of these names in this scenario, or a name is given twice.
@@ -199,10 +199,10 @@ class Links(ConstraintPlacement):
     """The links of one mechanism at one state, with nodes in place of numbers, in the form that `mechanism/equations.py` needs.
 
     Attributes:
-        states: sampled states, at which the inputs of the graph for time, positions and velocities have their values.
+        states: sampled states: the values of the graph's inputs for time, positions and velocities.
         exact: whether expressions must be valid also where constraints are violated, so that no angle is replaced by that of
             another link.
-        suffix: end of the names of these inputs, which are t, q and v without it.
+        suffix: text appended to the names t, q and v of these inputs.
     """
 
     suffix = ""
@@ -230,21 +230,21 @@ class Links(ConstraintPlacement):
         return self.graph.input(f"v{self.suffix}", k, self.states.v[:, k], SPEED * self.scale[k])
 
     def omega(self, link: int) -> Node:
-        """Return the angular speed of a link, which is that of the link's root: the link to which slides tie its angle."""
+        """Return the angular speed of a link: the speed of its root, the link to which slides tie its angle."""
         root = GROUND if link == GROUND else self.ties[link].root
         return self.zero if root == GROUND else self.rate(angle_slot(root))
 
     def body(self, body: int) -> tuple[list[Node], list[Node]]:
-        """Return x, y and angle of a link, and their rates; the last is the angular speed of the link's root."""
+        """Return x, y and angle of a link, and their rates; the last rate is the angular speed of the link's root."""
         indices = range(self.mechanism.n)[slots(body)]  # of the link's x, y and angle
         return [*map(self.coordinate, indices)], [*map(self.rate, indices[:-1]), self.omega(body)]
 
     def number(self, name: str) -> Node:
-        """Return the number of the linkage with a name as a node: a constant, or an input if the number is a parameter."""
+        """Return the linkage's number `name` as a node: a constant, or an input if the number is a parameter."""
         value, names = self.parameters.all[name], self.parameters.names
         if name not in names:
             return self.graph.constant(value)
-        # the last argument is the typical size of the input, by which the graph varies the value at its random points
+        # the last argument is a typical size: at random points, the graph changes the value by a fraction of it
         return self.graph.input("p", names.index(name), np.full(self.graph.samples, value), abs(value) or 1.0)
 
     def held(self, joint: str, index: int, value: float) -> Node:
@@ -264,7 +264,7 @@ class Links(ConstraintPlacement):
             raise KernelError(str(error)) from None
 
     def quantity(self, name: str) -> Any:
-        """Return the number or the vector of this name, as a node or as a `Vec` of nodes."""
+        """Return the number `name` as a node, or the vector `name` as a `Vec` of nodes."""
         if name in self.parameters.all:
             return self.number(name)
         return Vec(self.number(f"{name}.x"), self.number(f"{name}.y"))
@@ -302,7 +302,7 @@ class Links(ConstraintPlacement):
     def vector(self, link: int, value: Vec | Array) -> Direction:
         """Convert a vector that is fixed in a link from the link's axes to world axes; return it with the link's frame.
 
-        `value` is a `Vec` of nodes, or an array of nodes and numbers that a load has made from those of its force.
+        `value` is a `Vec` of nodes, or an array of nodes and numbers that a load has computed from those of its force.
         """
         local = value if isinstance(value, Vec) else Vec(*map(self.graph.node, value))
         return Direction(self.frame(link), self.rotate(link, local))
@@ -320,5 +320,5 @@ class Links(ConstraintPlacement):
         return [(replace(force, factor=None, **self._numbers(force)), factor) for force, factor in self.mechanism.factors]
 
     def _numbers(self, force: Force) -> dict[str, Any]:
-        """Return name of a field -> its number as a node, or its vector of nodes, for all fields of a force that are numbers."""
+        """Return field name -> node or `Vec` of nodes, for the fields of a force that are numbers or vectors."""
         return {key: self.quantity(f"forces.{force.name}.{key}") for key in force_numbers(force)}

@@ -18,21 +18,21 @@ from gauss_bench.mechanism.spaces import DIMENSION
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
-STEP = 0.1  # [rad, typical lengths] step along the motion: Newton's method stays in one assembly mode at much longer ones
+STEP = 0.1  # [rad, typical lengths] step along the motion: Newton's method stays in one assembly mode in far longer steps too
 WALK = 2 * np.pi + STEP  # [rad, typical lengths] length of all steps together: one turn of a crank
-FARTHEST = 3.0 * STEP  # largest distance of neighbouring poses: a pose farther away is in another assembly mode
+FARTHEST = 3.0 * STEP  # largest distance between neighbouring poses: a pose farther away is in another assembly mode
 TIMES = 64  # number of time steps in which a driven linkage is moved through its scenario
-DENSE = 100  # coordinates: for larger linkages sparse factorisations are far cheaper
-CLOSED = 1e-12  # [m, rad] residual of a closed position
-CORRECTIONS = 12  # Newton corrections of a position at most
+DENSE = 100  # number of coordinates above which sparse factorisations are used, which are then far cheaper
+CLOSED = 1e-12  # [m, rad] largest residual of a closed position
+CORRECTIONS = 12  # largest number of Newton corrections of a position
 SPEED = 3.0  # [rad/s, typical lengths/s] largest speed of a coordinate
 DRIFT = 0.4  # standard deviation of the change of a direction from step to step, relative to its largest component
 
 
 def typical_length(mechanism: Mechanism) -> float:
-    """Return the length [m] that counts as much as 1 rad where positions and angles are compared.
+    """Return the length [m] that is equivalent to 1 rad where positions and angles are compared.
 
-    It is the mean distance of the links' points from the centres of mass of their links, or 1 if no point has a distance.
+    It is the mean distance of the links' points from the centres of mass of their links, or 1 if all these distances are zero.
     """
     arms = [float(np.hypot(*(p - link.com))) for link in mechanism.links for p in link.points.values()]
     arms = [x for x in arms if x > 0]
@@ -51,11 +51,10 @@ def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
     """Return at most `count` states that satisfy the constraints and are spread over the motion.
 
     Args:
-        seed: of the random numbers by which velocities and, with several degrees of freedom, directions are chosen.
+        seed: seed of the random velocities and, with several degrees of freedom, of the random directions.
     """
     rng = np.random.default_rng(seed)
     constraints, scale = Constraints(mechanism), scales(mechanism)
-    # a driven linkage is moved by its drivers in time, another one along its free motion
     path = _in_time(mechanism, constraints) if mechanism.drivers else _walk(mechanism, constraints, scale, count, rng)
     poses = [path[k] for k in np.unique(np.linspace(0, len(path) - 1, count).round().astype(int))]
     t, q = np.array([time for time, _ in poses]), np.array([position for _, position in poses])
@@ -78,7 +77,7 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
     heading = scale * rng.normal(size=mechanism.n)
     # with several degrees of freedom the heading drifts at random, and both directions are explored
     wanders = mechanism.dof > 1
-    # each step of a large linkage takes long: it makes at most as many steps as states are needed
+    # a step of a large linkage takes long: no more steps are made than states are needed
     steps = int(WALK / STEP) if mechanism.n <= DENSE else count
     forwards: Path = [(0.0, mechanism.q0)]
     backwards: Path = []
@@ -156,5 +155,5 @@ def shortest_solution(J: Array, r: Array) -> Array:
         return minimum_norm(J, r)
     S = sp.csc_matrix(J)
     A = (S @ S.T).tocsc()
-    # x = S^T (S S^T)^-1 r; a number of rounding size on the diagonal keeps S S^T regular if rows are redundant
+    # x = S^T (S S^T)^-1 r; a term of rounding size on the diagonal keeps S S^T regular if rows are redundant
     return np.asarray(S.T @ splu(A + sp.identity(A.shape[0], format="csc") * (1e-14 * A.diagonal().max())).solve(r))

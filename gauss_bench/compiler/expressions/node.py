@@ -1,11 +1,11 @@
 """Expressions with their values at sample states of a linkage: a graph in which equal expressions are one node.
 
-Every node has values at sample states of the linkage, by which pivots are chosen, and at a few random points, by which equal
-expressions are recognised. The random points violate the constraints slightly; far from the constraints, products of many factors
-would overflow. Expressions with equal values at the random points are equal: a difference of analytic functions that is not zero
+Every node has values at sample states of the linkage, for the choice of pivots, and at three random points, for the recognition of
+equal expressions. The random points violate the constraints slightly; far from the constraints, products of many factors would
+overflow. Expressions with equal values at the random points are equal: a difference of analytic functions that is not zero
 everywhere is zero almost nowhere. A new expression is therefore first compared with the existing nodes by its values at the random
 points. In this way c^2 + s^2 becomes 1, terms that cancel become 0, and a multiple k x of an existing node x becomes the product of
-k and that node, whatever operations gave the multiple.
+k and x, however it was derived.
 Source: Schwartz, Fast probabilistic algorithms for verification of polynomial identities, J. ACM 27 (1980).
 
 Signs and constant factors are moved out of products, so that sums can absorb them: -(x y) is stored, not (-x) y.
@@ -20,14 +20,14 @@ import numpy as np
 
 from gauss_bench.terms import Array
 
-GENERIC = 3  # number of random points: one ratio of values agrees by accident with a probability of 1e-10, both with 1e-20
-VANISHES = 1e-13  # a sum that is smaller relative to its larger summand is zero: a few hundred rounding units
-SAME = 1e-12  # relative difference of values by rounding
+GENERIC = 3  # number of random points: their two ratios of values agree by accident with a probability of 1e-10 each
+VANISHES = 1e-13  # a sum is zero if it is smaller than this fraction of a term; a few hundred rounding units
+SAME = 1e-12  # largest relative difference between values that are equal except for rounding
 
-# Time [cycles] from the start of an operation until its result can be used, on the processors Zen 4 and 5 and about the same on
-# others. SIN and COS are mostly computed by a rotation.
+# Latency [cycles]: time from the start of an operation until its result can be used, on Zen 4 and 5 and about the same on other
+# processors. SIN and COS are mostly computed by a rotation.
 LATENCY = {"DIV": 13.0, "INV": 13.0, "SQRT": 20.0, "SIN": 25.0, "COS": 25.0, "NEG": 0.0, "INPUT": 0.0, "CONST": 0.0}
-STEP = 4.0  # [cycles] until the result of any other operation can be used
+STEP = 4.0  # [cycles] latency of any other operation
 # `ready` of a node is the sum of these times along the longest path to it from inputs.
 
 VALUE: dict[str, Callable[..., Array]] = {  # operation -> its function in numpy
@@ -52,9 +52,9 @@ class Node:
 
     Attributes:
         op, args: operation and operands; the args of an input are its name and index.
-        generic: values at the GENERIC random points, by which equal expressions are recognised.
+        generic: values at the GENERIC random points, used to recognise equal expressions.
         number: value of a constant node, None for any other node.
-        ready: earliest time [cycles] at which a processor has the value, if all inputs are there at 0.
+        ready: earliest time [cycles] at which a processor has the value, if all inputs are available at 0.
     """
 
     __slots__ = ("_values", "args", "generic", "graph", "index", "number", "op", "ready")
@@ -71,7 +71,7 @@ class Node:
     ):
         """Make a node without entering it into the graph's tables `known` and `ratios`.
 
-        `values` (samples + GENERIC,) are the values at the samples, then at the random points; None: computed on first use.
+        `values` (samples + GENERIC,) are the values at the samples, then at the random points; if None, computed on first use.
         """
         self.graph, self.op, self.args, self.generic, self.number, self.ready = graph, op, args, generic, number, ready
         self._values = values
@@ -142,9 +142,9 @@ class ExpressionGraph:
         """Make an empty graph; each of its nodes will have values at `samples` sample states of the linkage."""
         self.samples = samples
         self.count = 0
-        self.known: dict[Key, Node] = {}  # operation and operands -> its node
+        self.known: dict[Key, Node] = {}
         self.ratios: dict[str, Node] = {}
-        self.trail: list[tuple[dict[Any, Node], Any]] = []  # entries that `forget` can undo
+        self.trail: list[tuple[dict[Any, Node], Any]] = []
         self.random = np.random.default_rng(19800427)
 
     def node(self, x: "Node | float") -> Node:
@@ -161,10 +161,10 @@ class ExpressionGraph:
         return known
 
     def input(self, name: str, index: int, values: Array, size: float) -> Node:
-        """Return the input with a name and an index, such as coordinate 3 of q.
+        """Return the node of the input with a name and an index, such as coordinate 3 of q.
 
-        `values` (samples,) are its values at the samples. Each of its values at the GENERIC random points, which serve to recognise
-        equal expressions, is the value at one of the samples plus 0.1 to 0.3 of `size`.
+        `values` (samples,) are the input's values at the samples. Each of its values at the GENERIC random points is the value at
+        one of the samples plus 0.1 to 0.3 of `size`.
         """
         known = self.known.get(("INPUT", name, index))
         if known is None:
@@ -186,7 +186,6 @@ class ExpressionGraph:
             values = VALUE[op](*(a.values for a in args))
             if all(a.number is not None for a in args):
                 return self.constant(float(values[0]))
-            # random numbers of the order of 1 in place of the values at the random points
             values = np.concatenate([values[: self.samples], self.random.uniform(0.4, 1.6, GENERIC)])
             g = _generic(values)
             ready = max(a.ready for a in args) + STEP
@@ -277,13 +276,13 @@ class ExpressionGraph:
     def _make(self, op: str, *args: Node, values: Array | None = None) -> Node:
         """Return a node for an operation: a constant, an existing node, a multiple of an existing node, or else a new node.
 
-        `values` (samples + GENERIC,) are those of the operation; if None, they are computed from those of the operands.
+        `values` (samples + GENERIC,) are the values of the result; if None, they are computed from the operands.
         """
         key = (op, *[a.index for a in args])
         known = self.known.get(key)
         if known is not None:
             return known
-        # values of the operation at the random points, by which equal expressions and multiples are found
+        # values of the operation at the random points, which show equal expressions and multiples
         g = GENERIC_VALUE[op](*[a.generic for a in args]) if values is None else _generic(values)
         if None not in [a.number for a in args]:  # an operation on constants
             return self.constant(g[0] if values is None else float(values[0]))
@@ -297,19 +296,19 @@ class ExpressionGraph:
         return self._new(op, args, g, ratio, ready, key, values)
 
     def recognise(self, g: Generic, summand: Generic | None, ratio: str) -> Node | None:
-        """Return the node for an expression that is a constant or a multiple of an existing node; return None for any other.
+        """Return the node for an expression if it is a constant or a multiple of an existing node, else None.
 
         Args:
             ratio: `_ratio_key` of the values g, which is equal for all multiples of one expression.
-            summand: values of one of the two terms if the expression is a sum, else None. A sum that is tiny relative to one of its
-                terms is treated as zero.
+            summand: values of the first term if the expression is a sum, else None. A sum that is tiny relative to its first term
+                is treated as zero.
         """
         x, y, z = g
         if summand is not None:
             a, b, c = summand
             if abs(x) <= VANISHES * abs(a) and abs(y) <= VANISHES * abs(b) and abs(z) <= VANISHES * abs(c):
                 return self.constant(0.0)
-        # a constant has the same value at all points, a multiple of a known node the same factor
+        # a constant has the same value at all points; a multiple of a known node has the same ratio to this node
         close = SAME * abs(x)
         if abs(y - x) <= close and abs(z - x) <= close:
             return self.constant(_round(x))
@@ -376,7 +375,7 @@ class ExpressionGraph:
         return [x for x in scaled if not x.is_zero]
 
     def _combine_pairs(self, terms: Sequence[Node], distance: int) -> list[Node]:
-        """Return terms with the same sum; two whose places differ by at most `distance` become one node if their sum is known."""
+        """Return terms with the same sum; two at most `distance` places apart become one node if `recognise` finds their sum."""
         waiting, combined = list(terms), []
         while waiting:
             a = waiting.pop(0)
@@ -384,9 +383,9 @@ class ExpressionGraph:
                 total = sum_of(a.generic, b.generic)
                 known = self.recognise(total, a.generic, _ratio_key(total))
                 if known is not None:
-                    waiting[k] = known  # the sum takes the place of b, and a is in it
+                    waiting[k] = known  # the sum replaces both a and b
                     break
-            else:  # no term fits a, which stays by itself
+            else:  # a is not combined with any term
                 combined.append(a)
         return combined
 
@@ -402,7 +401,7 @@ def maximum(a: Node, b: Node) -> Node:
 
 
 def factor_out(x: Node) -> tuple[float, Node]:
-    """Split x into a number and a node without a sign or a constant factor, whose product is x."""
+    """Write x as the product of a number and a node that has no sign and no constant factor; return both."""
     sign = 1.0
     if x.op == "NEG":
         sign, x = -1.0, x.args[0]
@@ -427,7 +426,7 @@ def _difference(a: Generic, b: Generic) -> Generic:
 
 
 def _reciprocal(a: Generic) -> Generic:
-    """Return the reciprocals of values at the random points; that of 0 is infinite."""
+    """Return the reciprocals of values at the random points; the reciprocal of 0 is infinite."""
     x, y, z = [1.0 / x if x else math.copysign(math.inf, x) for x in a]
     return x, y, z
 
@@ -451,14 +450,14 @@ def _ratio_key(g: Generic) -> str:
 
 
 def _round(x: float) -> float:
-    """Return the nearest number of few digits if it differs by rounding alone, else x: 0.4999999999999999 becomes 0.5."""
+    """Return a number of at most 8 characters that equals x but for rounding, or x if there is none: 0.4999999999999 gives 0.5."""
     text = f"{x:.12g}"
-    short = float(text)  # of at most 12 digits; below, at most 8 characters count as few
+    short = float(text)
     return short if abs(short - x) <= SAME * abs(x) and len(text) < 9 else x
 
 
 def _sum_ready(a: Node, b: Node) -> float:
-    """Return the time [cycles] at which a + b is ready; a product among the two may be fused with the addition."""
+    """Return the time [cycles] at which a + b is ready; if a or b is a product, it may be fused with the addition."""
     times = [max(a.ready, b.ready)]
     for x, y in ((a, b), (b, a)):
         if x.op == "MUL":

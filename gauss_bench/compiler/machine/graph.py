@@ -2,7 +2,7 @@
 
 Value numbering by hash-consing: an operation with the same operands is stored once. Functions that are written into the graph with
 the same arguments therefore share values, such as sines, entries of the Jacobian, and the factors of its elimination. Minus signs
-are moved to the front of expressions, so that a - b and b - a share one value, of which the second is the negative. Operands have
+are moved to the front of expressions, so that a - b and b - a share one value, which is negated for one of them. Operands have
 smaller indices than the values that use them.
 Source: Briggs, Cooper and Simpson, Value numbering, Software: Practice and Experience 27 (1997).
 
@@ -53,7 +53,7 @@ class Graph:
         self.operation: list[str] = []
         self.operands: list[tuple[int, ...]] = []
         self.payload: list[Payload] = []
-        self.ready: list[int] = []  # earliest time [cycles] at which each value is there
+        self.ready: list[int] = []  # earliest time [cycles] at which each value is available
         self._known: dict[tuple[str, tuple[int, ...], Payload], int] = {}
 
     def make(self, operation: str, *operands: int, payload: Payload = None) -> int:
@@ -82,7 +82,7 @@ class Graph:
         return x if self.operation[a] == "const" and isinstance(x, float) else None
 
     def split_sign(self, a: int) -> tuple[int, bool]:
-        """Return a value without its leading minus, and whether it had one; a negative constant counts as having one."""
+        """Return a value without its leading minus sign, and whether it had one; a negative constant has one."""
         if self.operation[a] == "neg":
             return self.operands[a][0], True
         x = self.number(a)
@@ -163,7 +163,7 @@ class Graph:
         return self.make("all", payload=holds)
 
     def both(self, masks: Sequence[int]) -> int:
-        """Return the mask that is true where all of the masks are; without masks it is true in all lanes."""
+        """Return the mask that is true where all of the masks are true; without masks it is true in all lanes."""
         conjunction = always = self.all(True)
         for mask in dict.fromkeys(masks):
             if mask != always:
@@ -191,7 +191,7 @@ class Graph:
         return self.total([self.mul(x, x) for x in values])
 
     def largest(self, values: Sequence[int]) -> int:
-        """Return the largest of the absolute values, ignoring NaN; 0 if there are none."""
+        """Return the largest of the absolute values, ignoring NaN; 0 if there are no values."""
         largest = self.const(0.0)
         for size in map(self.abs, values):
             largest = self.maximum(size, largest)
@@ -248,7 +248,7 @@ ARITHMETIC: dict[str, Callable[..., int]] = {
 }
 
 
-LATENCY = {  # [cycles] until the result of an operation can be used, on processors of today
+LATENCY = {  # [cycles] until the result of an operation can be used, on current processors
     "const": 0, "leaf": 0, "neg": 0, "bits": 0, "real": 0, "abs": 1, "and": 1, "plus": 1, "shl": 1, "xor": 1, "both": 1, "select":
     1, "add": 3, "sub": 3, "mul": 3, "fma": 4, "lt": 3, "le": 3, "nonzero": 3, "div": 13, "sqrt": 20,
     "mask": 0, "all": 0, "not": 1, "everywhere": 1, "count": 0, "whole": 0, "sum": 1, "least": 1, "times": 3, "number": 4,

@@ -49,9 +49,9 @@ INSTRUCTIONS = {
     "also": "and i1 {0}, {1}",
 }
 INTRINSICS = {"fma": 3, "fabs": 1, "sqrt": 1}  # name in LLVM -> number of operands
-TYPES = {"p": "ptr", "d": "double", "i": "i64"}  # of arguments, by the letters of a routine's signature
-LONGEST_BLOCK = 4000  # values in a basic block: the time to compile a block grows faster than its length
-BLOCK = 8  # rows and lanes of the largest transposition
+TYPES = {"p": "ptr", "d": "double", "i": "i64"}  # types of arguments, by the letters of a routine's signature
+LONGEST_BLOCK = 4000  # largest number of values in a basic block: the time to compile a block grows faster than its length
+BLOCK = 8  # number of rows and of lanes of the largest transposition
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ class Writer(Emitter):
     def write_value(self, x: int) -> str:
         """Write the instruction that computes node x of the graph, whose operands have names already; return the result's name."""
         self._values += 1
-        if self._values % LONGEST_BLOCK == 0:  # a long block is divided, because LLVM's time grows faster than its length
+        if self._values % LONGEST_BLOCK == 0:  # a long block is divided
             self._go_to(self._new_label("cut"))
         operation, payload = self.graph.operation[x], self.graph.payload[x]
         operands = [self.names[k] for k in self.graph.operands[x]]

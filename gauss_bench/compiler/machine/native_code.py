@@ -31,12 +31,12 @@ from gauss_bench.terms import Array
 Flags = NDArray[np.bool_]
 
 BACKENDS = ("llvm", "numpy")
-VERSION = "1"  # of the entries in the cache
-LARGE = 10_000  # operations: longer code is generated at a lower level of optimisation, which takes a tenth of the time
+VERSION = "1"  # version of the entries in the cache
+LARGE = 10_000  # number of operations above which code is generated at a lower level of optimisation, in a tenth of the time
 QUICK = "GAUSS_BENCH_QUICK_CODE"  # environment variable: if it is set, code compiles sooner and runs longer, with the same results
-KEPT = 64  # number of functions that stay loaded: to unload one would free only a part of its memory
+KEPT = 64  # number of functions that stay loaded; unloading a function frees only a part of its memory
 _numbers = numbers_from()  # 0, 1, 2 ... for the names of loaded modules, which must be unique
-KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}  # of arguments, by the letters of a routine's signature
+KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}  # types of arguments, by letters of a signature
 
 
 def available() -> bool:
@@ -59,7 +59,7 @@ class NativeCode:
     def __init__(self, listing: Listing, cached: bool = True):
         """Compile an LLVM module given as text, or load its object code from the cache."""
         start = time.perf_counter()
-        level = 3 if listing.operations <= LARGE else 1  # of LLVM's optimisation, none of which changes rounding
+        level = 3 if listing.operations <= LARGE else 1  # of LLVM's optimisation; no level changes rounding
         if os.environ.get(QUICK):
             level = 0
         key = _key(listing.text, level)
@@ -120,7 +120,7 @@ def _target_machine(level: int) -> Any:
 
 @cache
 def _linker() -> Any:
-    """Return the linker of object code; it puts all code of a module side by side, as the small code model needs it."""
+    """Return the linker of object code; it puts all code of a module side by side, as the small code model requires."""
     return _binding().create_lljit_compiler(_target_machine(1), use_jit_link=True)
 
 
@@ -163,7 +163,7 @@ def out_of_lanes(x: Array, count: int) -> Array:
 def share(compute: Callable[[int, int], None], groups: int, threads: int) -> None:
     """Divide groups of trajectories among threads: each thread calls compute(low, high) for the groups low to high - 1."""
     count = min(threads, groups)
-    if count < 2:  # without a pool of threads, whose start takes as long as a hundred samples
+    if count < 2:  # no pool of threads, because its start takes as long as a hundred samples
         compute(0, groups)
         return
     bounds = np.linspace(0, groups, count + 1).astype(int).tolist()
@@ -186,8 +186,8 @@ def aligned_zeros(size: int) -> Array:
 class Single:
     """A routine in native code with memory for its arguments, for calls that compute one trajectory.
 
-    The arguments stand in a block of 8-byte words, whose address is passed to the code: addresses of arrays, then real numbers,
-    then counts (integers). A caller changes them in place, because to convert arguments anew takes as long as several steps.
+    The arguments are in a block of 8-byte words, whose address is passed to the code: addresses of arrays, then real numbers,
+    then counts (integers). A caller changes them in place, because a conversion of new arguments takes as long as several steps.
 
     Attributes:
         q, v: views of the two halves of the first array, which is a state: positions and velocities.
@@ -226,7 +226,7 @@ CHUNK = 4096  # trajectories that numpy steps at a time: they share the fixed co
 
 @dataclass(frozen=True)
 class Target:
-    """The target of code.
+    """The target for which code is generated.
 
     Attributes:
         backend: "llvm" or "numpy".
@@ -243,7 +243,7 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
     """Choose the target of code: by default llvm if it is installed, else numpy, and lanes for the widest vector register.
 
     Raises:
-        KernelError: the backend is unknown or not installed, or the number of lanes is no power of 2.
+        KernelError: the backend is unknown or not installed, or the number of lanes is below 1 or, with llvm, not a power of 2.
     """
     if backend not in (None, *BACKENDS):
         raise KernelError(f"no backend {backend}; there are {', '.join(BACKENDS)}")
@@ -259,10 +259,10 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
 class Loaded:
     """A routine that can be called: as machine code, or as a Python function if the backend is numpy.
 
-    Machine code has one lane for a single trajectory, and those of the target for several; `make` takes True for several lanes.
+    Machine code has one lane for a single trajectory, and `target.lanes` for several; `make` is called with True for several.
 
     Attributes:
-        codes: number of lanes -> machine code for it, which is compiled, or loaded from the cache, when it is first needed.
+        codes: number of lanes -> machine code, which is compiled, or loaded from the cache, when it is first needed.
     """
 
     def __init__(self, make: Callable[[bool], Routine], target: Target):
@@ -280,7 +280,7 @@ class Loaded:
         return 1 if count == 1 else self.target.lanes
 
     def call(self, lanes: int) -> Any:
-        """Return the function that computes groups of `lanes` trajectories; its machine code is compiled at the first call.
+        """Return the function that computes groups of `lanes` trajectories; if necessary, compile its machine code first.
 
         Its arguments are those of the routine, followed by the number of groups.
         """

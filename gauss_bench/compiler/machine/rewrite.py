@@ -16,7 +16,7 @@ from typing import NamedTuple
 from gauss_bench.compiler.machine.graph import LATENCY, Graph, Pair, live
 
 SUMS = ("add", "sub")
-EARLIER = LATENCY["div"] - LATENCY["mul"]  # [cycles] by which a divisor must be ready first for its reciprocal to cost no time
+EARLIER = LATENCY["div"] - LATENCY["mul"]  # [cycles] lead of a divisor on the numerator at which its reciprocal costs no time
 
 
 class Summand(NamedTuple):
@@ -77,7 +77,7 @@ class _Rewriter:
         return self.new.neg(self.copies[base]) if negative else self.copies[base]
 
     def _write(self, x: int) -> int:
-        """Write the value x of the old graph, which is no negation, into the new graph; return its index there."""
+        """Write the value x of the old graph, which is not a negation, into the new graph; return its index there."""
         operation, operands = self.old.operation[x], self.old.operands[x]
         if operation in SUMS:
             return self._add_terms(self._list_terms(x))
@@ -85,7 +85,7 @@ class _Rewriter:
             return self.new.mul(*self._reduce_to_two(x))
         if operation == "div":
             numerator, denominator = map(self.get, operands)
-            # a (1 / b) if several values are divided by b, or if 1 / b is there before a, so that only a multiplication follows
+            # a (1 / b) if several values are divided by b, or if 1 / b is ready before a, so that only a multiplication follows
             early = self.new.ready[numerator] > self.new.ready[denominator] + EARLIER
             if self.new.number(numerator) != 1 and (operands[1] in self.shared_divisors or early):
                 return self.new.mul(numerator, self.new.div(self.new.const(1.0), denominator))
@@ -154,7 +154,7 @@ class _Rewriter:
         the addition.
         """
         g = self.new
-        # if only one of the terms is a product, let it be `late`, which can be fused with the addition
+        # if exactly one term is a product, let it be `late`, which can be fused with the addition
         if early.factor is not None and late.factor is None:
             early, late = late, early
         value = early.value if early.factor is None else g.mul(early.value, early.factor)

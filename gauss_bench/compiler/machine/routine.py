@@ -11,7 +11,7 @@ change in a loop are computed before it.
     Store(array, values, start): write values into rows of an array.
     Scatter(array, values, start, block, last): write all values of each trajectory to consecutive places of an array.
     Loop(carried, body, again): execute the body, and repeat it with the next values of the variables while `again` is true.
-    If(condition, body, merged): execute the body if the condition is true; variables get one value if it is, another if not.
+    If(condition, body, merged): execute the body if the condition is true; the condition also selects the values of variables.
 
 The same routine computes one trajectory, or a group of trajectories with one in each lane of a vector. Each row of an array has one
 number for each trajectory of a group, side by side in memory. Each group of trajectories has its own part of an array. The emitters
@@ -79,9 +79,9 @@ class Scatter:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Execute `body`, and repeat it as long as the boolean `again` is true at its end.
+    """Execute `body`, and repeat it as long as the boolean `again` is true at the end.
 
-    `carried` maps each variable (a leaf) to its value in the first iteration, and to that in the next iteration.
+    `carried` maps each variable (a leaf) to its values in the first and in the next iteration.
     """
 
     carried: Mapping[int, tuple[int, int]]
@@ -235,7 +235,7 @@ class Emitter:
 
     @contextmanager
     def within(self) -> Iterator[None]:
-        """Forget, at the end of a `with` statement, the names given inside it, because values of a branch are unknown after it."""
+        """Forget, at the end of a `with` statement, the names given inside it: values of a branch are not defined after it."""
         names_before = dict(self.names)
         yield
         self.names = names_before

@@ -27,7 +27,7 @@ def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
     arrival = dict.fromkeys(carried, 0.0)
     cycles = 0.0
     for _ in range(ROUNDS):
-        times: dict[int, float] = {}  # at which each value is ready; leaves that are not carried are there at 0
+        times: dict[int, float] = {}  # at which each value is ready; leaves that are not carried are ready at 0
         for x in values:
             if g.operation[x] == "leaf":
                 times[x] = arrival.get(str(g.payload[x]), 0.0)
@@ -41,8 +41,8 @@ def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
 def order(g: Graph, roots: Iterable[int], carried: Mapping[str, int], plain: bool = False) -> list[int]:
     """Return the roots (results) and all values that they depend on, the most urgent first, or if `plain` in the order of indices.
 
-    The urgency of a value is its height: the length [cycles] of the longest path of operations that wait for it. A path may
-    continue in later iterations of the loop; for each of them, one period (the cycles per iteration) is subtracted from its length:
+    The urgency of a value is its height: the length [cycles] of the longest path of operations that wait for the value. A path may
+    continue in later iterations of the loop; for each of these, one period (the cycles per iteration) is subtracted:
 
         height(k) = max over users x of k of (height(x) + latency(x))
         height(next value of a variable) = height(the variable) - period
@@ -54,7 +54,7 @@ def order(g: Graph, roots: Iterable[int], carried: Mapping[str, int], plain: boo
     cycles = period(g, values, carried)
     carried_height = dict.fromkeys(carried.values(), 0.0)  # heights that follow from the next iteration
     for _ in range(ROUNDS):  # each pass lets paths continue through one iteration more
-        height = dict.fromkeys(values, -cycles) | carried_height  # -cycles: nothing in this iteration or a later one waits for it
+        height = dict.fromkeys(values, -cycles) | carried_height  # -cycles: no operation waits for the value
         for x in reversed(values):  # users before their operands
             for k in g.operands[x]:
                 height[k] = max(height[k], height[x] + LATENCY[g.operation[x]])

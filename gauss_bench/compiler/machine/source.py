@@ -17,7 +17,7 @@ from gauss_bench.compiler.machine.graph import COUNTS, MASKS, TRUTHS
 from gauss_bench.compiler.machine.routine import Emitter, If, Load, Loop, Routine, Scatter, Statement, Store
 
 C_HEADER = "#include <math.h>\n\n"
-C_TYPES = dict.fromkeys(COUNTS, "long") | dict.fromkeys((*MASKS, *TRUTHS), "int")  # of results that are no doubles
+C_TYPES = dict.fromkeys(COUNTS, "long") | dict.fromkeys((*MASKS, *TRUTHS), "int")  # types of results
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Source(Emitter):
         return name
 
     def write_value(self, x: int) -> str:
-        """Return the text that stands for value x of the graph, whose operands have names already.
+        """Return the text for value x of the graph, whose operands have names already.
 
         The text is a constant, or the name of a variable; a line that assigns the result to this variable is then written.
         """

@@ -27,7 +27,7 @@ from numpy.polynomial import polynomial as polynomials
 
 from gauss_bench.compiler.machine.graph import Graph, Pair
 
-LARGEST = 2.0**20  # [rad] of an angle: beyond, k P1 is not exact
+LARGEST = 2.0**20  # [rad] largest angle: k is then below 2^20
 TWO_OVER_PI = 0.6366197723675814
 HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)  # P1, P2, P3
 MAGIC = 1.5 * 2.0**52  # its last bit has the value 1, so that a number added to it is rounded to an integer
@@ -37,7 +37,7 @@ SINE = (-0.16666666666666666, 0.008333333333330946, -0.0001984126983675497, 2.75
 COSINE = (0.041666666666666664, -0.0013888888888887395, 2.4801587298763433e-05, -2.7557317270560326e-07, 2.0876146024689747e-09,
           -1.1382614868556325e-11)  # fmt: skip
 TOLERANCE = 2.0**-56  # an eighth of the rounding 2^-53 of a number near 1
-SERIES_TERMS = 8  # coefficients of P and Q at most
+SERIES_TERMS = 8  # number of terms of the power series; P and Q have fewer coefficients
 
 
 def polynomial(g: Graph, coefficients: tuple[float, ...], z: int) -> int:
@@ -73,7 +73,7 @@ def sincos(g: Graph, x: int) -> Pair:
 def _select_by_quarter(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
     """Return `if_odd` where the mask `odd` is true, else `if_even`, negated where bit 1 of the number k of quarter turns is 1.
 
-    This bit, shifted left by 62, is at the place of the sign of a double, whose bits it changes by an exclusive or.
+    This bit is shifted left by 62 to the sign bit of a double, and negates the double by an exclusive or.
     """
     sign = g.make("shl", g.make("and", k, payload=2), payload=62)
     chosen = g.make("bits", g.make("select", odd, if_odd, if_even))
@@ -103,7 +103,7 @@ def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     sin d = d + d^3 P(d^2) and 1 - cos d = d^2 Q(d^2); coefficients begin with the lowest degree.
 
     Raises:
-        ValueError: SERIES_TERMS coefficients are not enough.
+        ValueError: SERIES_TERMS - 1 coefficients are not enough.
     """
     P = [Fraction((-1) ** (k + 1), factorial(2 * k + 3)) for k in range(SERIES_TERMS)]
     Q = [Fraction((-1) ** k, factorial(2 * k + 2)) for k in range(SERIES_TERMS)]

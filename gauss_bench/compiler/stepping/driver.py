@@ -80,7 +80,7 @@ class Driver:
         """Return the index of the program with the largest margin at a state (2n,), or None if no program is usable there.
 
         The margin of a program is the smallest ratio of one of its pivots to the pivot's threshold. A program is usable if its
-        margin is at least 1. If none is, further programs are generated. Those in `without` are not considered.
+        margin is at least 1. If none is, further programs are generated. Programs in `without` are not considered.
         """
         # if programs leave out redundant rows, a change of the program needs a projection by dense linear algebra (see
         # `_switch`), which is possible only with the parameter values of the linkage file
@@ -95,7 +95,7 @@ class Driver:
                 return None
 
     def _switch(self, t: float, state: Array, p: Array, without: set[int]) -> tuple[int, Array] | None:
-        """Return the index of a usable program, none of those in `without`, and the state (2n,) from which it continues.
+        """Return the index of a usable program that is not in `without`, and the state (2n,) from which it continues.
 
         Return None if no program is usable. If the old program left out redundant rows and did not project, the errors of the
         omitted rows are about the errors of the kept rows divided by the smallest pivot of the old program. The state is therefore
@@ -171,7 +171,7 @@ class Driver:
                 stopped = isinstance(end, Stop)
                 if isinstance(end, Stop):
                     state, done = end.state, done + end.done
-                    # after steps the state is a new one, at which only this program has failed
+                    # if steps were taken, the state is new, and only this program has failed there
                     failed = {used} if end.done else failed | {used}
                 else:
                     state, done, reached = end, goal, True
@@ -183,14 +183,14 @@ class Driver:
         Where a pivot is too small, another program continues, or one short step is taken by dense linear algebra.
 
         Returns:
-            The states (k, 2n) at the times, NaN from where the trajectory cannot be continued; the number of accepted steps; the
-            number of attempted steps.
+            The states (k, 2n) at the times, NaN after the trajectory cannot be continued; the number of accepted steps; the number
+            of attempted steps.
         """
         samples, accepted, attempted = np.full((len(times), len(state)), np.nan), 0, 0
         stored, t = 0, float(times[0])  # number of samples so far, and time of the state
         used, failed = 0, set[int]()  # index of the program in use, and those that have failed at the present state
         while True:
-            extra = int(stored > 0)  # 1 after a stop: the state is then between samples, and is not stored as one itself
+            extra = int(stored > 0)  # 1 after a stop: the state is then between samples, and is not stored
             ahead = np.append(t, times[stored:]) if extra else times
             course = integrate(self.programs.adaptive(used), state, p, ahead, tolerances)
             new = course.samples[extra:]
@@ -198,7 +198,7 @@ class Driver:
             accepted, attempted = accepted + course.taken, attempted + course.tried
             if stored == len(times):
                 return samples, accepted, attempted
-            # the program stopped early, at course.state; after steps only this program has failed there
+            # the program stopped early, at course.state; if it took steps, only this program has failed there
             failed = {used} if course.taken else failed | {used}
             state, t = course.state, course.t
             switched = self._switch(t, state, p, failed)
@@ -230,7 +230,7 @@ class Driver:
             outcome = self.advance(on_leg, integrator, threads)
             states[going] = outcome.samples[:, -1]
             begin, end = leg.slots
-            # the last sample of `outcome` is the end of the leg, and is left out if that lies between samples of the batch
+            # the last sample of `outcome` is the end of the leg, and is left out if the leg ends between samples of the batch
             samples[going, begin:end] = outcome.samples[:, : end - begin]
         complete = np.asarray(np.isfinite(states).all(axis=1))
         return Outcome(states, samples, np.where(complete, batch.n, 0), complete)

@@ -90,7 +90,7 @@ class Stepper:
 
     The code of a step is valid only if no link rotates in the step by more than a limit, called its reach (`steps.Reach`). The
     first routine contains only the code with the smallest reach. The routine `further`, if there is one, also contains code for
-    larger rotations per step, and takes longer to compile; it replaces the first one as soon as a link rotates by more, and all
+    larger rotations per step, and takes longer to compile; it replaces the first one as soon as a link exceeds the limit, and all
     trajectories of the call start again. `further` is None once it is in use.
     """
 
@@ -110,7 +110,7 @@ class Stepper:
         count = len(batch.states)
         lanes = self.loaded.lanes(count)
         # arguments of the routine, see `rollout.py`: states, number arguments, samples, and a report of three rows
-        y, p = in_lanes(batch.states.copy(), lanes), in_lanes(batch.parameters, lanes)  # copied, as one lane would be a view
+        y, p = in_lanes(batch.states.copy(), lanes), in_lanes(batch.parameters, lanes)  # copied: `in_lanes` may return a view
         groups, rows = y.shape[:2]
         samples, report = np.full((groups, batch.slots * rows, lanes), np.nan), np.empty((groups, 3, lanes))
         call = self.loaded.call(lanes)
@@ -121,7 +121,7 @@ class Stepper:
             call(*arrays, batch.h, batch.t0, batch.n, batch.every, batch.slots, high - low)
 
         share(compute, groups, threads)
-        # of each trajectory: number of steps done; 1 if all were done; 1 if it stopped only because a link rotated too far
+        # of each trajectory: number of steps done; 1 if all were done; 1 if the only fault was that a link rotated too far
         done, complete, too_far = out_of_lanes(report, count).T
         if too_far.any() and self.further is not None:
             self.extend()
@@ -143,7 +143,7 @@ class Stepper:
         numbers[0], numbers[1] = h, t0
         counts[0], counts[1] = n, n or 1  # steps, and steps between samples: the end is the only sample
         single.run()
-        # report: number of steps done; 1 if all were done; 1 if a step was not done only because a link rotated too far
+        # report: number of steps done; 1 if all were done; 1 if the only fault was that a link rotated too far
         if report[1]:
             return sample.copy()
         if report[2] and self.further is not None:
@@ -152,7 +152,7 @@ class Stepper:
         return Stop(y.copy(), int(report[0]))
 
 
-LEAST = 1e-14  # shortest step, relative to the duration or the largest time, whichever is longer
+LEAST = 1e-14  # shortest step, relative to the duration or the largest time, whichever is larger
 LIMIT = 10**7  # largest number of steps of one call
 
 
@@ -161,7 +161,7 @@ def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tol
 
     If a guard fails (a pivot is too small), the routine stops early, at the last valid state.
     """
-    # arrays of the routine have the shape (1 group, rows, 1 lane); two times are added, because it reads ahead of the next sample
+    # arrays of the routine have the shape (1 group, rows, 1 lane); two times are added, because the routine reads ahead
     y, p, at = state[None, :, None].copy(), parameters[None, :, None], np.append(times, [times[-1]] * 2)[None, :, None]
     samples, report = np.full((1, len(times) * len(state), 1), np.nan), np.zeros((1, 4, 1))
     span = float(times[-1] - times[0])
@@ -254,7 +254,7 @@ class Programs:
         if self.plain:
             stepper = Stepper(Loaded(lambda many: rollout([plain_body(code, integrator)], many), self.target))
         else:
-            # code for the smallest rotations per step first; the routine for all rotations replaces it when it is needed
+            # first code for the smallest rotations per step; when it no longer suffices, the routine for all rotations replaces it
             stepper = Stepper(load(1), load(len(all_reaches)) if len(all_reaches) > 1 else None)
         self.runners[k, integrator] = stepper
         return stepper
@@ -266,8 +266,7 @@ class Programs:
     def _routine(self, k: int, stabilization: str, make: Callable[[Code], Routine]) -> Loaded:
         """Return the routine that `make` builds for program k; its code is compiled on first use.
 
-        A routine is stored under the key (k, make) without the stabilisation, because each `make` is used with one stabilisation
-        only.
+        A routine is stored under the key (k, make) without the stabilisation, because each `make` has a single stabilisation.
         """
         if (k, make) not in self._routines:
             code = Code(self.codes[k].program, stabilization)

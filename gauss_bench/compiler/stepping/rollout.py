@@ -11,7 +11,7 @@ one number for each trajectory:
     report, 3 rows: number of steps done; 1 if all were done; 1 if the only fault of a step was that a link turned too far.
 
 A guard is a condition for a valid step, above all that no pivot is too small. A trajectory stops before the first step at which a
-guard fails, and this step is not counted. The trajectories in the other lanes go on; in the lane of a stopped trajectory, a
+guard fails, and this step is not counted. The trajectories in other lanes continue; in the lane of a stopped trajectory, a
 selection between the old and the new state keeps the old one. A sample is the state at the beginning of a step, where projection
 has corrected the velocities. The loop therefore runs once more than there are steps.
 
@@ -59,7 +59,7 @@ class Body:
     """
 
     def __init__(self, code: Code, step: Step, plain: bool = False, into: Graph | None = None):
-        """Put the operations of a step in order, unless `plain`, and make the statements that load its inputs and compute it.
+        """Put the operations of a step in order, unless `plain`, and make the statements that load inputs and compute the step.
 
         The operations are added to the graph `into`, which may have other bodies of the same routine; None for a new graph.
         """
@@ -100,7 +100,7 @@ def rollout(bodies: Sequence[Body], many: bool) -> Routine:
 
     The bodies share one graph, and each is valid for larger rotations of links per step (its reach) than the one before. The first
     body is used until a link turns by more than its reach in a step; the next body continues from there. All lanes of a vector
-    change to the next body at the same step, so that each trajectory has bitwise the same states as if it were computed alone.
+    change to the next body at the same step, as soon as one of them needs it.
     """
     # built from the last body to the first: each loop of steps contains, after its end, a branch with the loops of later bodies
     first, statements = bodies[0], list[Statement]()
@@ -131,8 +131,8 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[
     h, t0, t, done = (g.leaf(f"%{x}") for x in ("h", "t0", "t", "done"))
     # masks of the lanes that have not stopped, and of those that need a body with a larger reach
     alive, far = (g.make("mask", payload=x) for x in ("%alive", "%far")) if many else (always, none)
-    # regular: no pivot is too small; within: no link turns by more than the reach. A lane goes on if both are true; `beyond`: only
-    # the reach was exceeded in this step, so that code with a larger reach will do
+    # regular: no pivot is too small; within: no link turns by more than the reach. A lane continues if both are true; `beyond`: the
+    # step is regular but exceeds the reach, so that code with a larger reach is needed
     beyond = g.both([alive, body.step.regular, g.make("not", body.step.within)])
     going = g.both([alive, body.step.regular, body.step.within])
     # number of the next step, whether there is one, and its time
@@ -143,7 +143,7 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[
     carried: Carried = dict(counter)
     for x, (initial, next_value) in body.carried.items():
         new = chosen.get(x, next_value)
-        # a lane that has stopped keeps its state by selection while the others go on
+        # a stopped lane keeps its state by selection while the others continue
         carried[x] = initial, g.make("select", going, new, x) if many else new
     carried |= {t: (t0, later), done: (g.const(0.0), g.make("add", done, g.flag(going)))}
     carried |= {i: (zero, following), due: (g.make("least", every, n), due_later), slot: (zero, slot_later)}
@@ -162,7 +162,7 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[
     again = g.make("also", g.make("any", going), more)
     if many and not is_last:  # all lanes change to the next body as soon as one of them needs it
         again = g.make("also", again, g.make("nowhere", beyond))
-    # the last state is valid if the pivots on which its sample depends are large enough, also if the step after it would fail
+    # the last state is valid if the pivots on which its sample depends are large enough, even if the step after it would fail
     complete = g.both([alive, body.step.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
@@ -194,7 +194,7 @@ def _either(g: Graph, a: int, b: int) -> int:
 
 
 def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Body]:
-    """Build the code of a step for each reach (largest rotation per step), all in one graph; looped code is valid for any."""
+    """Build the code of a step for each reach (largest rotation per step), all in one graph; looped code has no such limit."""
     if is_looped(code, integrator):  # this code computes every sine from its angle, without rotations
         return [Body(code, rk4_looped(code))]
     graph = Graph()
@@ -217,7 +217,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     body = Body(code, dop853(code, EXACT, plain, estimated=True), plain)
     g, step = body.graph, body.step
     assert step.error is not None
-    # i: index of the next sample; due: 1 if that is stored at the beginning of this step, else 0; tried: number of attempted steps
+    # i: index of the next sample; due: 1 if it is stored at the beginning of this step, else 0; tried: number of attempted steps
     i, due, tried, count = (g.count(f"%{x}") for x in ("i", "due", "tried", "count"))
     # taken: number of accepted steps; goal: time of the next sample, which this step must not pass; following: time of the sample
     # after that
@@ -236,7 +236,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     mark_due = If(g.make("any", reached), [], {due_later: (one, zero)})
     planned = _plan_step(g, g.make("sub", following, t_new), best)
     start, end = g.leaf("%start"), g.leaf("%end")  # the first two times
-    # after SETTLED attempts, unless the last of them is refused
+    # the state is projected after SETTLED attempts, unless the last of them is refused
     branch, chosen, counter = _settle_regularly(body, g.make("sum", tried, one))
     # variables of the loop; %wanted is the step size that the error allowed, before the step was cut short to end at a sample
     carried = dict(counter)
@@ -264,10 +264,9 @@ def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
 
         h clip(SAFETY / root, SHRINK, GROW), at most `longest`
 
-    After a refused step, 1 takes the place of GROW. `wanted` is the size of this step before it was cut short to end at a sample
-    time; a good step is followed by one of at least this size. `error` is the squared norm of the step's error, proportional to
-    h^16, and `root` is the 16th root of `error`. `sound` is true if all guards are satisfied, and `good` if in addition the error
-    is small enough. If the step is not sound, the next step size is h SHRINK.
+    After a refused step, 1 replaces GROW. `error` is the squared norm of the step's error, proportional to h^16, and `root` is the
+    16th root of `error`. `sound` is true if all guards are satisfied, and `good` if in addition the error is small enough. If the
+    step is not sound, the next step size is h SHRINK.
     """
     h, wanted = g.leaf("%h"), g.leaf("%wanted")
     root = error
@@ -286,8 +285,8 @@ def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
 def _plan_step(g: Graph, remaining: int, best: int) -> int:
     """Return the size of the next step from the time `remaining` to the next sample and the size `best` that the error allows.
 
-    It is `remaining` if remaining <= best, half of it if remaining < 2 best, so that no tiny step is left before the sample, else
-    `best`.
+    The size is `remaining` if remaining <= best, half of `remaining` if remaining < 2 best, so that no tiny step is left before the
+    sample, else `best`.
     """
     half = g.mul(g.const(0.5), remaining)
     shorter = g.make("select", g.make("lt", remaining, g.mul(g.const(2.0), best)), half, best)

@@ -3,8 +3,8 @@
 A guard is a condition that a valid step must satisfy: no pivot of the elimination is too small, and no link turns too far.
 
 Runge-Kutta. The method of order 4 for q'' = a(t, q, v) has the positions of the stages written out in accelerations (Nystroem's
-form). The results are the same but for rounding, and the position of a stage does not wait for its velocity. From q, v, the step
-computes q', v' by
+form). The results are those of the usual form except for rounding, and the position of a stage does not wait for its velocity. From
+q, v, the step computes q', v' by
 
     q2 = q + h/2 v,         q3 = q2 + h^2/4 a1,   B = q + h v,   q4 = B + h^2/2 a2
     v2 = v + h/2 a1,        v3 = v + h/2 a2,      v4 = v + h a3
@@ -76,10 +76,10 @@ class Reach:
         return isfinite(self.step)
 
 
-EXACT = Reach(inf, inf, inf, 4)  # of code that computes every sine and cosine from its angle, with four Newton corrections
+EXACT = Reach(inf, inf, inf, 4)  # for code that computes every sine and cosine from its angle, with four Newton corrections
 # The series of a rotation (`trigonometry.rotate`) have an error below an eighth of a rounding up to 0.0065 rad with 2 terms, 0.0625
-# rad with 4, and 0.25 rad with 5; a step of order 8 rotates so far from its middle to either side. The series for `bend` have 1 or
-# 2 terms. Each integrator begins with its smallest reach.
+# rad with up to 4, and 0.25 rad with 5; a step of order 8 rotates up to 0.25 rad from its middle to either side. The series for
+# `bend` have 1 or 2 terms. Each integrator begins with its smallest reach.
 REACHES = {
     "rk4": (Reach(0.0065, 1.5e-4, 2.0**-28, 1), Reach(0.0625, 6.5e-3, 2.0**-20, 2), EXACT),
     "dop853_fixed": (Reach(0.25, inf, 6.5e-3, 4), EXACT),
@@ -88,8 +88,8 @@ REACHES = {
 }
 
 
-# The second reach with a single Newton correction. It is for projected steps of about a millisecond: they turn angles farther than
-# the first reach, but their corrections are as small as within the first reach, so that one is enough.
+# The second reach with a single Newton correction, for projected steps of about a millisecond: their angles change by more than the
+# first reach, but their corrections are as small as within the first reach, so that one correction is enough.
 ONCE = replace(REACHES["rk4"][1], correction=2.0**-28, corrections=1)
 
 # Largest number of operations of an acceleration that is written out for each of four stages. Longer code would take long to
@@ -140,7 +140,7 @@ class Step:
     stages: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def roots(self) -> list[int]:
-        """Return all values that must be computed in every step; the values in `settled` are needed in few steps only."""
+        """Return all values that must be computed in every step; the values in `settled` are not among them."""
         error = [] if self.error is None else [self.error]
         of_stages = [x for pair in self.stages.values() for x in pair]
         return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error, *of_stages]
@@ -169,7 +169,7 @@ class Builder:
     Attributes:
         library: whether sines are computed by functions of the target language, such as those of C.
         n: number of coordinates.
-        q, v, p, t, h: leaves (inputs of the step) of the state, the open numbers, the time and the step size.
+        q, v, p, t, h: leaves (inputs of the step) of the state, the number arguments, the time and the step size.
         sines: node of an angle -> its sine and cosine.
         pivots: guards: masks that are true where a pivot of an elimination is at least its threshold.
         score: terms (norm / bound)^2, one for each norm that is limited (`limit`); the step is valid only if their sum is at most
@@ -288,7 +288,7 @@ class Builder:
         return a
 
     def directions(self, t: int, q: list[int], v: list[int]) -> list[list[int]]:
-        """Return a free motion (n,) for each independent coordinate: its rate is 1, those of the other independent ones are 0."""
+        """Return, for each independent coordinate, the free motion (n,) in which its rate is 1 and the others' rates are 0."""
         g, free = self.g, self.code.program.independent
         *motions, pivots = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
         self._add_guards(pivots, self.code.program.direction_thresholds)
@@ -373,7 +373,7 @@ class Builder:
 
     def margin(self, finite: int) -> int:
         """Return the node of the smallest ratio of a pivot to its threshold over all stages; 0 where the mask `finite` is false."""
-        g, least = self.g, self.g.const(FINITE)  # the minimum of no pivots at all
+        g, least = self.g, self.g.const(FINITE)  # the result without pivots
         for mask in self.pivots:
             threshold, size = g.operands[mask]  # `_add_guards` has made the mask: threshold <= size
             least = g.minimum(g.div(size, threshold), least)
@@ -408,14 +408,14 @@ class Builder:
             q = self.plus(q, dq)
             is_last = k == self.reach.corrections - 1
             bound = min(self.reach.correction, LAST_CORRECTION if is_last else inf)
-            self.limit(self.of_angles(dq) or dq, bound)  # if no coordinate is such an angle, all coordinates are limited
+            self.limit(self.of_angles(dq) or dq, bound)  # all coordinates are limited if no sines are needed
             pairs = self.turn(pairs, dq, bound, q)
         return q, pairs
 
     def within(self, v: list[int]) -> int:
         """Return the mask that is true where v is finite and no limited norm exceeds its bound (see `limit`)."""
         g = self.g
-        # each term of `score` is (norm / bound)^2, so that no norm exceeds its bound where their sum is at most 1
+        # each term of `score` is (norm / bound)^2, so that no norm exceeds its bound where the sum of the terms is at most 1;
         # the sum of v tests all components: if one is infinite or NaN, so is the sum, and the comparison fails
         score = g.make("le", g.total(self.score), g.const(1.0))
         return g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])

@@ -33,11 +33,11 @@ from gauss_bench.compiler.machine.routine import Array, Compute, Load, Loop, Rou
 from gauss_bench.compiler.machine.schedule import order
 
 # Norms are taken over all angles of which sines are needed.
-REACH = 0.0065  # [rad] largest norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
-SETTLED = 1e-8  # [rad] norm of a correction after which no other one follows: the error left is about its square
-TURN = 0.3  # [rad] largest norm of the step to the next guess: far less than lies between two assembly modes
+REACH = 0.0065  # [rad] largest norm of one correction: two terms of the series are then exact, and no other assembly is near
+SETTLED = 1e-8  # [rad] norm up to which a correction is the last one: the remaining error is about its square
+TURN = 0.3  # [rad] largest norm of the step to the next guess: far less than the distance between two assembly modes
 LEVELS = 3  # numbers of an input at a sample: value u, time derivatives w and b; the value n at the next sample follows them
-LIMIT = 8  # largest number of corrections; from the farthest guess that is accepted quadratic convergence needs four
+LIMIT = 8  # largest number of corrections; from the farthest accepted guess, quadratic convergence needs four
 
 Sample = dict[str, list[int]]  # name of a result at one sample (`_write_sample`) -> its values, by their indices in a graph
 
@@ -48,7 +48,7 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, Sample]:
     The correction begins at q; `guess` is the q of the first correction. Leaves %s and %c are sine and cosine of an angle of q.
 
     Args:
-        plain: whether the code is written for C: with library calls of sine and cosine, and without regrouped arithmetic.
+        plain: whether the code is written for numpy: with its sine and cosine, and without regrouped arithmetic.
 
     Returns:
         The graph, and the values in it:
@@ -91,7 +91,7 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, Sample]:
 
 
 def _leaves(g: Graph, name: str, count: int) -> list[int]:
-    """Return the leaves %NAME0, %NAME1 ... of the graph, which stand for the `count` components of a vector."""
+    """Return the leaves %NAME0, %NAME1 ... of the graph for the `count` components of a vector."""
     return [g.leaf(f"%{name}{k}") for k in range(count)]
 
 
@@ -139,11 +139,11 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     alive, i, done = g.make("mask", payload="%alive"), g.count("%i"), g.leaf("%done")
     corrections, still_near = _settle(g, program, sample, [x for x in values if x in repeated], alive)
     correction_square, advance_square = sample["norms"]
-    # a guard x and its bound a have one sign, and |x| >= |a|: that is x a >= a a
+    # a guard x must have the sign of its bound a, and |x| >= |a|: that is x a >= a a
     guards_hold = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample["guards"], least, strict=True)]
     is_settled = g.make("le", correction_square, g.const(SETTLED**2))
     is_closed = g.both([alive, still_near, is_settled, *guards_hold])
-    # the lane goes on to the next sample if the guess there is not far away
+    # the lane continues with the next sample if the guess there is not far away
     goes_on = g.both([is_closed, g.make("le", advance_square, g.const(TURN**2))])
 
     # variables of the loop over samples: leaf -> first value, next value

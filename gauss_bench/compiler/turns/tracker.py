@@ -5,7 +5,7 @@ many parts as there are lanes (elements of a vector register). A single lane fir
 motion begin, in steps of at most STRIDE; then all parts are computed side by side, each in its lane.
 
 If a lane cannot close a sample, the step to that sample is divided into smaller steps. If these fail too, `kinematics.loop_closure`
-tries to close it; if that finds a limit of motion or a singular position, the motion ends.
+tries to close the sample; if it finds a limit of motion or a singular position, the motion ends.
 """
 
 from collections.abc import Mapping
@@ -27,11 +27,11 @@ from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
-STRIDE = 0.1  # [rad, typical lengths] step of an input between samples: the error of the second-order prediction is a few 1e-4
+STRIDE = 0.1  # [rad, typical lengths] longest step of an input: the error of the second-order prediction is a few 1e-4
 MANY = 8  # number of angles above which steps are shorter than STRIDE
 SUBDIVISIONS = (8, 64)  # numbers of parts of a step that could not be made at once
-FEW = 4  # least number of samples in a part of a motion that is divided among lanes
-LEAST = 1e-3  # least value of a guard (a pivot), relative to its value at the start; where it is less, `loop_closure` decides
+FEW = 4  # smallest number of samples in a part of a motion that is divided among lanes
+LEAST = 1e-3  # smallest ratio of a guard (a pivot) to its value at the start; below this ratio, `loop_closure` decides
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ class Tracker:
         return 0
 
     def _close_by_library(self, q: Array, levels: Array) -> Array | Loss:
-        """Close one sample near the position q (n,) by `loop_motion`; return its row (R,), or why it cannot be closed."""
+        """Close one sample near the position q (n,) by `loop_motion`; return its row (R,), or a `Loss` with the reason."""
         # every driver gets a law with the same value and derivatives at all times, so that the time 1.0 below is arbitrary
         drivers = [replace(d, law=_hold(level)) for d, level in zip(self.driven.drivers, levels.T, strict=True)]
         try:
