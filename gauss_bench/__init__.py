@@ -5,17 +5,17 @@
     history(simulation) -> History: all samples of a run as curves
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
     diagnose(name_or_path, engine, ...) -> Diagnosis: an engine's error split by its causes
-    tune(model, out, position=...) -> Tuned: an MJCF file with settings that hold an accuracy
+    tune(model, out, position=...) -> Tuned: an MJCF file with settings that reach an accuracy
     selftest(only=()) -> SelfTest: faults planted in the suite, and whether its own checks detect them
-    kinematics(name_or_path, ...) -> Kinematics: the motion under a given law, and with forces=True the loads that it takes
-    recommend(name_or_path, position=...) -> Recommendation: the cheapest setting of each engine that holds an accuracy
+    kinematics(name_or_path, ...) -> Kinematics: the motion under a given law, and with forces=True its loads
+    recommend(name_or_path, position=...) -> Recommendation: the cheapest setting of each engine that reaches an accuracy
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
     import_model(file, out, ...) -> Import: a planar model in MJCF or URDF as a linkage file
     certify(name_or_path, ...) -> Certificate: a reference motion with its error bar
-    doctor() -> Checkup: the libraries on this machine, and whether each engine runs on it
+    doctor() -> Checkup: the installed libraries, and whether each engine runs
     compile_kernel(mechanism, formulation="auto", ...) -> Kernel: native code of a linkage
 
-Each function is imported when it is first used, so that importing the package takes no time.
+Each function is imported when it is first used, so that the package is quick to import.
 """
 
 import sys
@@ -53,10 +53,10 @@ def __getattr__(name: str) -> Any:
 
 
 class _Package(ModuleType):
-    """The class of this package's module: it keeps subpackages from replacing public functions of the same name (`kinematics`)."""
+    """The class of this package; it keeps subpackages from replacing public functions of the same name (`kinematics`)."""
 
     def __setattr__(self, name: str, value: object) -> None:
-        # after importing a submodule Python sets it as an attribute of the package, which would hide the function
+        # Python sets an imported submodule as an attribute of the package, which would hide the function
         if not (name in _PLACES and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 

@@ -1,10 +1,10 @@
-"""`python -m gauss_bench` is `gauss-bench`."""
+"""`python -m gauss_bench` runs the command `gauss-bench`."""
 
 import sys
 
 
 def run() -> int:
-    """Run the command line and return the exit code: 130 if it was interrupted, also while its modules were imported."""
+    """Run the command line and return the exit code, which is 130 after an interrupt, even during imports."""
     try:
         from gauss_bench.cli import command
 

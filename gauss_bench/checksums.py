@@ -1,8 +1,7 @@
 """Checksums of the tables of a run: they show if a row was changed after the run.
 
-The file `checksums.json` in the folder of a run maps each table's file to the SHA-256 of its bytes. A folder of an older version
-has no such file, and its tables are read without this check. The checksum of the run, by which it is cited, is the SHA-256 of the
-list of all checksums.
+The file `checksums.json` in the folder of a run maps each table's file to the SHA-256 of its bytes. A run of an older version has
+no such file, and its tables are read without this check. A run is cited by the SHA-256 of the list of all its checksums.
 """
 
 import hashlib
@@ -13,7 +12,7 @@ from pathlib import Path
 from gauss_bench.untrusted import BadInput, read_bytes
 
 FILE = "checksums.json"
-LARGEST = 1 << 20  # largest size of that file [bytes]
+LARGEST = 1 << 20  # largest size of FILE [bytes]
 
 
 class ChangedRows(BadInput, ValueError):
@@ -21,7 +20,7 @@ class ChangedRows(BadInput, ValueError):
 
 
 def read_checksums(folder: Path) -> dict[str, str]:
-    """Return the file of each table, relative to the folder -> its checksum; empty for a folder without checksums.
+    """Return path of a table, relative to the folder -> its checksum; empty for a folder without checksums.
 
     Raises:
         ChangedRows: the list of checksums is damaged.

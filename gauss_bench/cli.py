@@ -1,4 +1,4 @@
-"""The command line: it runs a verb, prints results on stdout and everything else on stderr, and returns the exit code.
+"""The command line: run a verb (subcommand), print results on stdout and all else on stderr, and return the exit code.
 
 Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or bad input, 70 a fault of this program itself, 74
 stdout is closed or full, 130 interrupted.
@@ -23,7 +23,7 @@ from gauss_bench.api.telling import cancel_sentences, plain, render, tell, tell_
 from gauss_bench.untrusted import BadInput, harmless
 
 BAD_INPUT, OWN_FAULT, NO_OUTPUT, INTERRUPTED = 2, 70, 74, 130  # exit codes; 70 and 74 as in sysexits.h, 130 as shells have it
-EPOCH, LONGEST_EPOCH = "SOURCE_DATE_EPOCH", 12  # libraries write this time [s] into files; largest number of digits
+EPOCH, LONGEST_EPOCH = "SOURCE_DATE_EPOCH", 12  # libraries write the time [s] in this variable into files; most digits of it
 LEAST_MEMORY = 700 << 20  # bytes of address space: with less, the import of OpenBLAS may hang
 SHOWN = 40  # characters of a faulty argument that a message quotes
 FILES = "gauss_bench.api.files:check_files"
@@ -35,7 +35,7 @@ class OutputLost(Exception):
 
 
 class Results(io.TextIOWrapper):
-    """The stream stdout. A failed write raises OutputLost, because an OSError would be taken for the error of an input file.
+    """The stream stdout. A failed write raises OutputLost, because an OSError would be reported as that of an input file.
 
     Raises:
         OutputLost: from write and flush.
@@ -60,7 +60,7 @@ class Remarks(io.TextIOWrapper):
     """The stream stderr; if it is full or closed, remarks are lost without an error and the command keeps its exit code."""
 
     def write(self, text: str) -> int:
-        """Write a text; if that fails, pretend that all of it was written."""
+        """Write a text and return its length, even if writing fails."""
         with contextlib.suppress(OSError):
             return super().write(text)
         return len(text)
@@ -81,7 +81,7 @@ def command() -> int:
     if sys.stdout is None:
         print("error: stdout is closed: results cannot be written", file=sys.stderr)
         return NO_OUTPUT
-    # keep the real stdout under a new descriptor, and let descriptor 1, to which libraries print, lead to stderr
+    # keep the real stdout under a new descriptor, and redirect descriptor 1, to which libraries print, to stderr
     results = os.dup(sys.stdout.fileno())
     with contextlib.suppress(OSError):  # stderr is closed
         os.dup2(2, 1)
@@ -89,7 +89,7 @@ def command() -> int:
     try:
         try:
             return main()
-        except SystemExit as end:  # of the parser, after --help or bad usage
+        except SystemExit as end:  # raised by the parser after --help or bad usage
             return int(end.code or 0)
         finally:
             sys.stdout.flush()
@@ -106,12 +106,12 @@ def report_lost_output(error: OutputLost) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the verb that the arguments name, by default those of the process, and return the exit code."""
+    """Run the verb that `arguments` (by default those of the process) name, and return the exit code."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
         check_start(given)
         options = parser(ACTIONS).parse_args(given)
-        check_memory()  # after the parser, so that --help needs none
+        check_memory()  # after the parser, so that --help works with less memory
         return int(options.verb(options))
     except KeyboardInterrupt:
         print("interrupted; finished cases are kept", file=sys.stderr)
@@ -145,7 +145,7 @@ def check_start(arguments: Sequence[str]) -> None:
     """Check the arguments and the environment before they are parsed.
 
     Raises:
-        BadInput: an argument cannot be the name of a file, or SOURCE_DATE_EPOCH is no time.
+        BadInput: an argument cannot be the name of a file, or SOURCE_DATE_EPOCH is not a number of seconds.
     """
     for text in arguments:
         try:
@@ -160,10 +160,10 @@ def check_start(arguments: Sequence[str]) -> None:
 
 
 def check_memory() -> None:
-    """Check that the process may have as much address space as the libraries need.
+    """Check that the process may use the address space that the libraries need.
 
     Raises:
-        BadInput: a limit leaves less.
+        BadInput: the memory limit is too low.
     """
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
@@ -175,12 +175,12 @@ def perform(name: str, options: argparse.Namespace) -> int:
     """Call the function of the verb `name`, print its answer and return the exit code; `verbs.toml` explains the keys of a verb."""
     verb, given = VERBS[name], vars(options)
     endings = verb.get("files", {})
-    instead_of_json = verb.get("instead_of_json", "").lstrip("-")  # the one option whose path may stand for stdout
+    instead_of_json = verb.get("instead_of_json", "").lstrip("-")  # the only option with which a file may go to stdout
     to_stdout = {x: given[x] for x in endings if x == instead_of_json and str(given[x]) == verb.get("printed")}
     to_file = {x: given[x] for x in endings if given[x] and x not in to_stdout}
     files = to_stdout | (resolve_name(FILES)(to_file, endings, options.replace, options.linkage) if to_file else {})
     function = resolve_name(verb["call"])
-    # arguments that no option has: `told` prints progress; `whole`: a file needs all samples, even if the report shows only some
+    # arguments that are not options: `told` prints progress; `whole` asks for all samples, which a file needs
     available = given | {"options": options, "told": tell_if_long if verb.get("quick") else tell, "whole": bool(files)}
     answer = function(**{x: available[x] for x in inspect.signature(function).parameters if x in available})
     if files:
@@ -192,7 +192,7 @@ def perform(name: str, options: argparse.Namespace) -> int:
             print(json.dumps(plain(answer.data)))
         return 0 if answer.succeeded else 1
     text = render(name, answer.data) if answer.text is None else answer.text
-    if text and not files.get(instead_of_json):  # else the file stands in place of the text
+    if text and not files.get(instead_of_json):  # else the file replaces the text
         print(harmless(text))
     return 0 if answer.succeeded else 1
 

@@ -6,7 +6,7 @@ A run is valid if the judge has no objection:
 - its accelerations are those of the linkage, and its velocities and accelerations are the rates of its positions and velocities;
 - it agrees with the reference or, if there is none, with a repetition at half the step or at a tighter tolerance.
 
-Each limit asks whether the run is still a motion of this linkage. The judge does not decide how exact a valid run is.
+The limits decide whether the run is still a motion of this linkage, not how exact a valid run is.
 """
 
 from collections.abc import Iterator
@@ -21,24 +21,24 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Reference, Trajectory, finite, in_a_sentence
 
-# A limit is a share of the size of the linkage for lengths, a number of radians for angles, and a share of the largest for speeds.
-OFF_TIME = 1e-9  # [s] distance of a sample from its time: a million times rounding, a thousandth of any step
-OFF_START = 1e-5  # of the first sample from the start: single precision and any assembly keep more digits
-OFF_DRIFT = 1e-2  # of open loops, and never more than 1e-2 m or rad: a loop that opens by a hundredth is another linkage
-OFF_ENERGY = 1e-2  # share of `Evidence.energy_scale`: half a per cent of every speed, more than small steps lose
-OFF_ACCELERATION = 1e-2  # share of the largest acceleration: an engine 1 % off at the same state solves another problem
-OFF_MOTION = 5e-2  # of places and angles: the far end of a link that is turned by this angle is off by 5 % of its length
+# Limits are fractions of the linkage's size for lengths, radians for angles, and fractions of the largest speed for speeds.
+OFF_TIME = 1e-9  # [s] distance of a sample from its time: far more than rounding, far less than a step
+OFF_START = 1e-5  # gap between the first sample and the start: single precision and assembly by an engine are more exact
+OFF_DRIFT = 1e-2  # gap of open loops, at most 1e-2 m or rad: with a larger gap, the linkage is another one
+OFF_ENERGY = 1e-2  # fraction of `Evidence.energy_scale`: corresponds to 0.5 % of all speeds; small steps lose less
+OFF_ACCELERATION = 1e-2  # fraction of the largest acceleration: an engine 1 % off at the same state solves another problem
+OFF_MOTION = 5e-2  # error of positions and angles: a link turned by this angle has its far end off by 5 % of its length
 HUGE = 1e100  # a larger number counts as not finite: products of a few such numbers overflow
-OFF_RATES = OFF_MOTION / 2  # gap between a level and the integral of its rate, as in `metrics.RateGaps`
-SHARED = 2.0  # times the change by a repetition: half the step halves a gap that a first-order method leaves
-MOST_SHARED = 2.0  # largest widening of a limit, in limits: without it, samples that swing would widen their own limits without end
+OFF_RATES = OFF_MOTION / 2  # gap between positions or velocities and the integrals of their rates (`metrics.RateGaps`)
+SHARED = 2.0  # times the change at half the step, which is half of the gap that a first-order method leaves
+MOST_SHARED = 2.0  # a limit grows by at most this multiple of itself; otherwise oscillating samples would widen it without bound
 FEWEST = 2.0  # steps in a period of the fastest mode or force: fewer samples show a slower oscillation in its place (aliasing)
-DIGITS = 1e-9  # relative: formulations whose accelerations differ by more have lost digits, and `remark` says so
+DIGITS = 1e-9  # relative difference of two formulations' accelerations above which `remark` reports lost digits
 LIMITS = {"drift": OFF_DRIFT, "energy": OFF_ENERGY, "acceleration": OFF_ACCELERATION, "motion": OFF_MOTION}
 
 
 class Subject(StrEnum):
-    """The subjects of objections, in the order in which the judge looks for them."""
+    """The subjects of objections."""
 
     COMPLETENESS = "completeness"
     NUMBERS = "numbers"
@@ -89,19 +89,19 @@ class Judgement:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The numbers by which the judge decides, computed by this package from a complete trajectory of k samples; None is unknown.
+    """The numbers that the judge compares with limits, computed from a complete trajectory of k samples; None if unknown.
 
     Attributes:
         size: size of the linkage [m].
         energy: (k,) energy gained beyond the work done [J]; energy_bar: error bar of this work [J].
         energy_scale: largest kinetic energy of the run, or the range of the potential energy if larger [J].
         energy_floor: change of the energy that rounding can cause [J].
-        seen: (k,) `energy` without losses between samples too far apart to resolve damping; None if the samples resolve it.
+        seen: (k,) `energy` without losses between samples too far apart to resolve damping; None if `energy` itself is judged.
         acceleration_error: median relative error of the engine's accelerations at the same states.
         rates, rates_again: gaps between the motion and the integrals of its rates, of the run and of its repetition.
         start: gap between the first sample and the start of the scenario.
         duration: time from the first sample to the last [s].
-        halving: difference of the run and its repetition with finer steps; None if there is a reference.
+        halving: difference of the run and its repetition with finer steps; None without a repetition.
         finer: how the repetition was made: "half the step" or "a tighter tolerance".
         unrepeated: why there is neither a reference nor a repetition; empty if there is one of them.
         steps_a_period, steps_a_forcing: steps in a period of the fastest mode and of the fastest force that oscillates with time.
@@ -160,8 +160,8 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
 def cut_at_fault(trajectory: object, times: Array, n: int) -> Trajectory | None:
     """Return the trajectory before its first sample that is missing, at a wrong time or not finite; None if no sample is left.
 
-    An engine may return any object: the result is None if it is not a trajectory, or if its arrays are not of real numbers in n
-    columns. `times` (k,) [s] are the requested times.
+    An engine may return any object: the result is also None for an object that is not a trajectory, has arrays other than of real
+    numbers in n columns, or has invalid counts. `times` (k,) [s] are the requested times.
     """
     if not isinstance(trajectory, Trajectory):
         return None
@@ -192,15 +192,15 @@ def copy_numbers(x: object) -> Array:
 
 
 def _count(x: Any) -> int | None:
-    """Return as an integer the number of steps or evaluations that an engine reports; None if it does not count them.
+    """Return the number of steps or evaluations that an engine reports; None if it does not count them.
 
     Raises:
-        TypeError, ValueError, OverflowError: x is no count.
+        TypeError, ValueError, OverflowError: x is not a count.
     """
     if x is None:
         return None
     count = int(x)
-    if not 0 <= count <= 1 << 53:  # a table stores it as a double, which counts to 2^53
+    if not 0 <= count <= 1 << 53:  # a table stores it as a double, which is exact up to 2^53
         raise ValueError(f"{x} is no count")
     return count
 
@@ -208,9 +208,9 @@ def _count(x: Any) -> int | None:
 def examine(
     evaluator: Evaluator, trajectory: Trajectory, reference: Reference | None = None, acceleration_error: float | None = None
 ) -> Evidence:
-    """Return the figures by which a complete trajectory is judged; `errors` are those against the reference, None without one."""
+    """Return the evidence about a complete trajectory; its `errors` are None without a reference."""
     mechanism = evaluator.mechanism
-    with np.errstate(all="ignore"):  # a run may overflow; the judge objects to what is not finite
+    with np.errstate(all="ignore"):  # a run may overflow; the judge objects to values that are not finite
         energy, bar = metrics.energy_error(evaluator, trajectory)
         return Evidence(
             size=mechanism.size,
@@ -244,7 +244,7 @@ def _check_model(x: Evidence) -> Iterator[Objection]:
     for off, sentence in ((x.acceleration_error, of_engine), (x.disagreement, between_two)):
         if off is not None:
             yield Objection(Subject.MODEL, off, OFF_ACCELERATION, sentence.format(off))
-    # a linkage smaller than 1 m has a limit in proportion to its size [m]
+    # the limit is proportional to the size [m] of a linkage smaller than 1 m
     opened, gained = largest(x.drift.position), largest(x.energy if x.seen is None else x.seen)
     yield Objection(Subject.LOOPS, opened, OFF_DRIFT * min(1.0, x.size), f"the loops open by {opened:.2g} (m or rad)")
     limit = OFF_ENERGY * x.energy_scale
@@ -253,7 +253,7 @@ def _check_model(x: Evidence) -> Iterator[Objection]:
     for steps, oscillation in ((x.steps_a_period, "oscillation"), (x.steps_a_forcing, "force")):
         if steps is not None:
             sentence = f"{steps:.2g} steps in a period of the fastest {oscillation}, too few to resolve it"
-            # a number below FEWEST is the fault: value and limit change places
+            # numbers below FEWEST are faulty: value and limit change places
             yield Objection(Subject.STIFFNESS, FEWEST, steps, sentence)
 
 
@@ -273,7 +273,7 @@ def _check_motion(x: Evidence) -> Iterator[Objection]:
 def _check_start(x: Evidence) -> Iterator[Objection]:
     """Yield the possible objections to the first sample, which should be the start of the scenario."""
     if x.start is not None and x.rates is not None:
-        # a linkage at rest has no speed to compare with: the speed that crosses its size within the run is taken
+        # the largest speed is the scale; for a linkage at rest, the speed that covers its size within the run
         slow = x.size / x.duration if x.duration else x.size
         speed, spin = max(x.rates.fastest[0], slow), max(x.rates.fastest[1], slow / x.size)
         for gap, scale, unit in zip(x.start, (x.size, 1.0, speed, spin), ("m", "rad", "m/s", "rad/s"), strict=True):
@@ -290,7 +290,7 @@ def _check_rates(x: Evidence) -> Iterator[Objection]:
     """
     if x.rates is None:
         return
-    # least scale of speeds: at this speed a link moves within the whole run by no more than the limit of positions
+    # least limit of speeds: at this speed a link moves by the limit of positions within the whole run
     slow = OFF_RATES * x.size / x.duration if x.duration else 0.0
     limits = {  # gap of `RateGaps` -> limit, unit, level, rate
         "place": (OFF_RATES * x.size, "m", "positions", "velocities"),
@@ -329,8 +329,8 @@ def trusted_until(
 ) -> float:
     """Return the time [s] of the last sample up to which the judge has no objection, found by bisection.
 
-    The run is compared with the true motion `reference` and with the run `finer` of finer steps, if they are given. Bisection
-    assumes that an invalid run stays invalid if it is continued.
+    The run is compared with the true motion `reference` and with the repetition `finer`, if they are given. Bisection assumes that
+    an invalid run stays invalid if it is continued.
     """
     good, bad = 0, len(trajectory.t)  # indices of samples: the run is valid up to `good`, and not up to `bad`
     while bad - good > 1:

@@ -1,4 +1,4 @@
-"""Every figure of a run except times, computed from its trajectory by our own code: no engine judges itself.
+"""Compute every figure of a run except times from its trajectory, by our own code, so that no engine judges itself.
 
 Drift and energy are evaluated in absolute coordinates. An engine that describes the linkage as a tree of joints with one pin cut
 open therefore has all of its drift in that pin.
@@ -18,10 +18,10 @@ from gauss_bench.mechanism.spaces import angle_at, angles, bodies, place_at, pla
 from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Curve, Group, Reference, Trajectory
 
-CHECKPOINTS = (0.5, 1.0, 2.0)  # [s]
-REST = 1e-9  # [m/s^2, rad/s^2] accelerations below it are rounding of a mechanism at rest
-CHUNK = 2000  # states that are evaluated at once: limits the memory that a long run needs
-SAME_TIME = 1e-9  # [s] two times less than this apart are the same sample time
+CHECKPOINTS = (0.5, 1.0, 2.0)  # [s] times at which tables list errors
+REST = 1e-9  # [m/s^2, rad/s^2] smaller accelerations are rounding errors of a mechanism at rest
+CHUNK = 2000  # states that are evaluated at once: limits the memory for long runs
+SAME_TIME = 1e-9  # [s] times that differ by less are the same sample time
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
 
 
 class MotionGap(NamedTuple):
-    """The largest difference between two motions over all links: of places [m], angles [rad] and their rates."""
+    """The largest differences between two motions over all links: of positions [m], angles [rad] and their rates."""
 
     place: float
     turn: float
@@ -77,7 +77,7 @@ class RateGaps:
 
 
 def rate_gaps(trajectory: Trajectory) -> RateGaps:
-    """Return the gaps of positions from integrated velocities, and of velocities from integrated accelerations, at every sample."""
+    """Return the gaps between positions and integrated velocities, and velocities and integrated accelerations, at every sample."""
     t = trajectory.t
     gaps, bars = [], []  # of positions, angles, velocities and angular velocities
     half = every_second(t)
@@ -122,9 +122,9 @@ def integral(t: Array, x: Array) -> Array:
 
 
 def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
-    """Return the multipliers (k, m) of M a + J^T lambda = Q for the accelerations of a trajectory, the shortest if not unique.
+    """Return the multipliers (k, m) of M a + J^T lambda = Q for the accelerations of a trajectory, of least norm if not unique.
 
-    Dry friction is part of the generalised forces Q, and itself depends on the multipliers, so that they are found by iteration.
+    Dry friction, a part of the generalised forces Q, depends on the multipliers, which are therefore found by iteration.
 
     Raises:
         UndeterminedLoads: friction with redundant rows.
@@ -134,7 +134,7 @@ def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
     applied = evaluator.applied.generalised(trajectory.q, trajectory.v, trajectory.t)  # Q without dry friction
     remainder = applied - trajectory.a * evaluator.mass  # Q - M a, which the constraint forces J^T lambda balance
     has_friction = bool(evaluator.friction) and len(trajectory.t) > 0
-    # weighted by M^(-1/2) as in the integration of a motion, the iteration for friction converges where it converged there
+    # with the weight M^(-1/2) the iteration for friction converges in the same states as in the integration of a motion
     root = np.sqrt(evaluator.mass) if has_friction else np.ones_like(evaluator.mass)
     inverse = np.linalg.pinv(np.swapaxes(J / root, -1, -2), rcond=1e-10)  # (k, m, n)
     multipliers = (inverse @ (remainder / root)[..., None])[..., 0]
@@ -148,18 +148,18 @@ def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
     """Return, by name of the joint, the force on its second link: fx, fy (k,) [N], and moment (k,) [N m] about the joint's point.
 
-    The second link of a pin is that of its second point, and of a slide its block. Springs, damping and friction in the joint count
-    as applied forces.
+    The second link is the one with the second point of a pin, or the block of a slide. Springs, damping and friction in the joint
+    count as applied forces.
     """
     forces: dict[str, dict[str, Array]] = {}
-    columns = iter(reactions(evaluator, trajectory).T)  # multipliers (k,) of one row after the other: joints stand first
+    columns = iter(reactions(evaluator, trajectory).T)  # multipliers (k,) of each row; the rows of joints come first
     at = Placed(trajectory.q)
     for joint in evaluator.mechanism.joints:
         arm = at.end(joint.ends[1]).arm
         fx, fy, moment = np.zeros((3, len(trajectory.t)))
         for coordinate, _ in joint.held:
             multiplier = next(columns)
-            # the force on the second body is -J^T lambda: its gradient has a direction n, or none for an angle, and a lever
+            # the force on the second body is -J^T lambda; the gradient has a direction n (None for an angle) and a lever
             _, n, lever = state(coordinate, at).entries[1]
             if n is not None:
                 x, y = n.parts
@@ -219,12 +219,12 @@ def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[
 
 def driving_forces(evaluator: Evaluator, trajectory: Trajectory) -> Array:
     """Return the torque [N m] or force [N] (k, drivers) that each driver exerts along its coordinate."""
-    rows = evaluator.constraints  # those of drivers stand between joints and knife edges
+    rows = evaluator.constraints  # rows of drivers come after those of joints and before those of knife edges
     return -reactions(evaluator, trajectory)[:, rows.joint_rows : rows.holonomic]
 
 
 def load_curves(evaluator: Evaluator, trajectory: Trajectory) -> Iterator[Curve]:
-    """Yield the loads of a motion: components and magnitudes of joint and weld forces, then what each driver exerts.
+    """Yield the loads of a motion: components and magnitudes of joint and weld forces, then the force or torque of each driver.
 
     The magnitude of a slide's force has the key `normal`, because `force` is that of its driver.
     """
@@ -351,7 +351,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
 
 
 def energy_rounding(energy: Array) -> float:
-    """Return the change of energies (k,) that rounding can cause [J]: eight units in the last place of the largest plus 1 J."""
+    """Return the change of energies (k,) [J] that rounding can cause: 8 units in the last place of 1 J + the largest |energy|."""
     return 8 * float(np.finfo(float).eps) * (1.0 + largest(energy))
 
 
@@ -424,7 +424,7 @@ class Errors:
 
 
 def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Return where times in `true` (j,) are also in t (k,), up to SAME_TIME: their indices in t, and their mask (j,) in `true`."""
+    """Return the times in `true` (j,) that are also in t (k,), up to SAME_TIME: their indices in t, and a mask (j,) of `true`."""
     near = np.minimum(np.searchsorted(t, true - SAME_TIME), len(t) - 1)  # (j,) index of the first time in t that is not earlier
     both = np.abs(t[near] - true) < SAME_TIME
     return near[both], both
@@ -469,8 +469,8 @@ def relative_acceleration_error(a: Array, true: Array) -> Array:
 def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
     """Return the order of convergence p (k,) of error ~ step^p, from each of k runs and the run before it.
 
-    Steps decrease. The order is NaN for the first run, and where the error of one of the two runs is less than ten times its floor,
-    the error of the reference.
+    Steps decrease. The order is NaN for the first run, and where the error of one of the two runs is not finite or at most ten
+    times its floor, the error of the reference.
     """
     order = np.full(len(steps), np.nan)
     usable = (errors > 10 * floors) & np.isfinite(errors)

@@ -1,7 +1,7 @@
 """The answer to the question whether an engine meets a requirement on a linkage; if not, how far the search came and why it ended.
 
-The search, the recommendation and the report print this answer, a `Reach`, in the same words. It follows from the trials of the
-engine's variants, from stored rows of the table `search_ladder` as well as from a search that has just ended.
+The search, the recommendation and the report print this answer, a `Reach`, in the same words. It is computed from the trials of the
+engine's variants, which may be stored rows of the table `search_ladder`.
 """
 
 import math
@@ -16,12 +16,12 @@ import numpy as np
 from gauss_bench.trajectory import Status
 
 UNITS = {"position": "m", "angle": "rad", "force": "N", "end": "m"}  # kind of an error -> its unit; `end`: position at the end
-ERRORS = {"end": "position at the end"}  # names of kinds that are not words themselves
-BY_AUTHORS = "by its authors"  # mark of settings that the authors of an engine own
+ERRORS = {"end": "position at the end"}  # kind -> its name, if that differs
+BY_AUTHORS = "by its authors"  # mark of settings that the authors of an engine sent in
 RUNGS = 3  # number of trials that show the order of convergence
 APART = 1.4  # smallest ratio of the numbers of steps of two of these trials: with less, rounding hides the order
 STEADY = 0.2  # largest difference of two orders of convergence that count as equal
-# reasons of a failure that lie in the machine, not in the engine
+# reasons of failures that are due to the machine, not to the engine
 ABSENT = re.compile(r"not installed|no C compiler|not in this build|the truth has no samples")
 
 
@@ -94,7 +94,7 @@ class Reach:
     Attributes:
         reason: why the engine is not timed, not tried or has no model; for NOT_REACHED, how its runs failed.
         steps: largest number of steps of a trial.
-        seconds: time of the search [s] if time ended it, else NaN.
+        seconds: time of the search [s] if a time limit ended it, else NaN.
         order: order of convergence of the variant that would meet the requirement with the fewest steps; NaN if there is none.
         needed: number of steps with which this variant would meet the requirement if its error kept falling at this order.
         within: words such as "within the budget" that are printed in place of `seconds`.
@@ -119,7 +119,7 @@ class Reach:
         elif self.steps and self.kind is Kind.NOT_REACHED:
             answer += f" in {self.steps:,} steps"
         if math.isfinite(self.needed):
-            # two digits, written out up to a thousand million
+            # two significant digits, without an exponent below 1e9
             needed = f"{float(f'{self.needed:.2g}'):,.0f}" if self.needed < 1e9 else f"{self.needed:.0e}"
             answer += f"; order {self.order:.1f} extrapolates to {needed}{' steps' if is_timed else ''}"
         return f"{answer}: {self.reason}" if self.reason else answer
@@ -135,12 +135,12 @@ def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], unt
     ladders = [ladder for ladder in ladders if ladder]
     trials = [trial for ladder in ladders for trial in ladder]
     ended = [trial for trial in trials if trial.status is Status.OK]
-    # largest error over allowed error, at most 1 if all requirements are met; NaN if redundant rows leave joint forces undetermined
+    # largest ratio of error to limit, at most 1 if all requirements are met; NaN if redundant rows leave joint forces undetermined
     shares = [share(trial, wanted) for trial in ended]
     if any(x <= 1 for x in shares):
         return Reach(Kind.TIMED) if untimed is None else Reach(Kind.UNTIMED, untimed)
     not_skipped = [trial for trial in trials if trial.status is not Status.SKIP]
-    if not not_skipped:  # the engine skipped all
+    if not not_skipped:  # the engine skipped all trials
         reason = trials[0].message if trials else "it was not searched"
         return Reach(Kind.NOT_TRIED if not trials or ABSENT.search(reason) else Kind.NO_MODEL, reason)
     if ended and all(map(math.isnan, shares)):
@@ -161,8 +161,8 @@ def share(trial: Trial, wanted: Sequence[Requirement]) -> float:
 def convergence(trials: Sequence[Trial], wanted: Sequence[Requirement]) -> tuple[float, float]:
     """Return the order of convergence in the finest trials, and the number of steps that would meet the requirements at this order.
 
-    The order is that of the RUNGS trials with the most steps, any two of them by the factor APART or more apart. Both are NaN if
-    there are fewer such trials, or if the orders between neighbouring trials are not positive or differ by STEADY or more.
+    The order is that of the RUNGS trials with the most steps, whose numbers of steps differ by a factor of at least APART. Both
+    are NaN if there are fewer, if one failed, or if the orders between neighbours are not positive or differ by STEADY or more.
     """
     rungs: list[tuple[int, Trial]] = []  # number of steps and trial, finest first, far enough apart
     counted = [(x.steps, x) for x in trials if x.steps]
@@ -171,7 +171,7 @@ def convergence(trials: Sequence[Trial], wanted: Sequence[Requirement]) -> tuple
             rungs.append((steps, trial))
     finest = [(steps, x) for steps, x in rungs[:RUNGS] if x.status is Status.OK]
     with np.errstate(all="ignore"):
-        errors = np.log([share(x, wanted) for _, x in finest])  # of errors over their limits: 0 where the requirement is just met
+        errors = np.log([share(x, wanted) for _, x in finest])  # of error / limit: 0 if the requirement is just met
         # finest first: errors rise and numbers of steps fall along the list, so that a positive order needs the minus sign
         orders = np.diff(errors) / -np.diff(np.log([steps for steps, _ in finest]))
     if len(finest) < RUNGS or not (np.isfinite(orders).all() and orders.min() > 0 and np.ptp(orders) < STEADY):

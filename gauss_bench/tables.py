@@ -1,8 +1,8 @@
 """Read and write the tables of a run by the schema in `tables.toml`, which describes each column.
 
 A row maps column to value: a text, a number or a flag. A missing text is empty, a missing number NaN, a missing flag None. Writing
-refuses a column that the schema does not have; reading ignores it. A folder without `tables.json`, which has the number of the
-format, is of format 1. Rows of older formats are converted while they are read (`migrate_row`); newer formats are refused.
+refuses a column that the schema does not have; reading ignores it. `tables.json` states the number of the format; a folder without
+it is of format 1. Rows of older formats are converted while they are read (`migrate_row`); newer formats are refused.
 
 Timed columns, which depend on measured times, are stored in files of the same names in the folder `times`, and rounded to the
 digits that are significant in view of their spread. A repeated run therefore changes these files, and in others only rows whose
@@ -25,12 +25,12 @@ from gauss_bench.untrusted import BadInput
 
 FORMAT = 5
 APART = 4  # the first format with timed columns in files of their own
-BASELINE_FORMAT = 3  # format of the accuracy gate's baseline, which is stored in a column
+BASELINE_FORMAT = 3  # format of the accuracy gate's baseline, stated in one of its columns
 TIMES = "times"  # the folder of timed columns
 SCHEMA_FILE = "tables.json"
 ENVIRONMENT = "environment.json"  # machine, date and versions of a run
-DIGITS = 10  # digits of a number in a CSV file; of an error only the first few matter
-CURVE_DIGITS, CURVE_BITS = 4, 13  # digits and bits of a point of a curve: a relative 1.2e-4, less than a line is wide
+DIGITS = 10  # digits of a number in a CSV file, more than an error needs
+CURVE_DIGITS, CURVE_BITS = 4, 13  # digits and bits of a curve's points: a relative error of 1.2e-4, less than the width of a line
 ENDS = ("", "_low", "_high")  # endings of the columns of a value and its spread
 FLAGS = {"": None, "true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}  # text in a file -> flag
 TYPES = {"text": str, "number": float, "flag": bool}  # kind of a column -> Python type of its values
@@ -219,7 +219,7 @@ def round_times(table: Table, row: Row) -> dict[str, Any]:
     for column in table.timed_columns:
         x = row[column.name]
         if column.kind != "number" or not math.isfinite(x) or x == 0 or column.name.endswith(ENDS[1:]):
-            continue  # a column of an end of a range is rounded with its value
+            continue  # the ends of a range are rounded with its value
         names = [column.name + end for end in ENDS if column.name + end in row]
         last = math.floor(math.log10(abs(x))) - 3  # power of ten of the fourth digit
         if len(names) == len(ENDS):
@@ -265,7 +265,7 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
             write_text(path, csv_text(columns, chosen))
         else:
             write_parquet(name, columns, chosen, path)
-    if name == "baseline":  # no table of a run, and without a checksum: it changes whenever figures are accepted
+    if name == "baseline":  # not a table of a run; it has no checksum, because it changes whenever figures are accepted
         return tuple(contents)
     for stale in files_of(name, folder):
         if stale not in contents:
@@ -303,7 +303,7 @@ def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], pat
         "compression_level": 19,
         "use_dictionary": [c.name for c in columns if c.name not in measured],
         "use_byte_stream_split": measured,
-        "write_statistics": False,  # statistics let readers skip parts of large files; they would be half of a small one
+        "write_statistics": False,  # statistics let readers skip parts of large files; they would be half of a small file
     }
     atomically(path, lambda part: pq.write_table(content, part, **options))
 
@@ -417,8 +417,8 @@ def read_file(
 
     Args:
         version: number of the file's format; by default the number in the file's column `format`.
-        columns: the table's columns that this file should have, by default all; only a file of an older format, or columns with the
-            attribute `added`, may be missing. In the returned rows the values of other columns are missing.
+        columns: the table's columns that this file should have, by default all. Columns with the attribute `added` may be missing,
+            and more columns in older formats. In the returned rows the values of columns that the file lacks are missing.
 
     Raises:
         TableError: for the same reasons as in `read_table`.

@@ -1,4 +1,4 @@
-"""Terms and solution of a formulation: plain arrays at one state, without any knowledge of linkages."""
+"""Terms and solution of a formulation: plain arrays at one state, independent of linkages."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.floating[Any]]
-Vectors = NDArray[np.complexfloating[Any, Any]]  # of the plane
+Vectors = NDArray[np.complexfloating[Any, Any]]  # vectors of the plane, x + i y
 
 
 class SingularSystem(ArithmeticError):
@@ -61,7 +61,7 @@ def constraint_force(terms: Terms, a: Array) -> Array:
 
 
 def recover_multipliers(terms: Terms, a: Array) -> Array:
-    """Return the multipliers (m,) that belong to accelerations: the shortest solution of J^T lambda = Q - M a.
+    """Return the multipliers (m,) for given accelerations: the least-norm solution of J^T lambda = Q - M a.
 
     With redundant rows only J^T lambda is determined.
     """

@@ -1,4 +1,4 @@
-"""The trajectory that every engine returns and every metric reads: states over time, how the run ended, and curves."""
+"""Trajectories, which engines return and metrics read, the status of a run, and curves over time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,12 +15,12 @@ class Status(StrEnum):
     """The ways in which a run ends. Only OK and INVALID runs have all samples; all but OK have a message with the reason."""
 
     OK = "ok"
-    INVALID = "invalid"  # it ended, but the judge found an error
-    SKIP = "skip"  # the engine cannot model it
+    INVALID = "invalid"  # the run ended, but the judge objects to it
+    SKIP = "skip"  # the engine cannot model the linkage
     DIVERGED = "diverged"  # finite, but far off the constraints
     NOT_CONVERGED = "not_converged"  # an inner solver gave up
     NAN = "nan"
-    RANK_LOST = "rank_lost"  # redundant rows met a formulation that cannot take them
+    RANK_LOST = "rank_lost"  # the formulation cannot handle redundant rows
     WARNING = "warning"  # the engine reported a warning or reset itself
     CRASHED = "crashed"
     TIMEOUT = "timeout"
@@ -184,10 +184,10 @@ class Caption:
     """The sentences that stand beside the curves of a run.
 
     Attributes:
-        title, how: name linkage and scenario, and engine, integrator and step.
+        title, how: linkage and scenario; engine, integrator and step.
         verdict: the judge's objections, or the failure of the run; empty for a valid run.
         until: end of the run that the user asked for [s].
-        trusted: time [s] up to which the judge has no objection; None if there is none up to `until`.
+        trusted: time [s] up to which the judge has no objection; None if that is the whole run.
     """
 
     title: str
@@ -217,7 +217,7 @@ def with_accelerations(
     evaluations: int | None = None,
     note: str = "",
 ) -> Trajectory:
-    """Return the trajectory of q, v (k, n) with acceleration(i) (n,) at sample i; from the first NaN state on, these are NaN.
+    """Return the trajectory of q, v (k, n) with acceleration(i) (n,) at sample i, or NaN from the first state that is not finite.
 
     Raises:
         RunFailure: `acceleration` raised it; its `reached` becomes the trajectory, with NaN from the failed sample on.

@@ -10,9 +10,9 @@ from typing import Any
 
 DEEPEST = 20  # largest nesting of keys or brackets; the grammar of linkage files needs 6
 UNPRINTABLE = ("Cc", "Cs", "Cn", "Zl", "Zp")  # Unicode categories: controls, surrogates, unassigned, line and paragraph separators
-TURNING = ("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")  # bidirectional classes that turn the writing direction
+TURNING = ("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")  # bidirectional classes that change the writing direction
 
-# The tokens of TOML that matter for nesting. Strings and comments are skipped, because brackets in them nest nothing. An unclosed
+# The tokens of TOML that matter for nesting. Strings and comments are skipped, because brackets in them do not nest. An unclosed
 # quote ends the search, because the parser refuses it in any case.
 TOKEN = re.compile(
     r'''
@@ -31,7 +31,7 @@ class BadInput(Exception):
 
 
 class TooDeep(tomllib.TOMLDecodeError):
-    """A TOML text has tables or lists inside each other at more than DEEPEST levels."""
+    """A TOML text has tables or lists that are nested more than DEEPEST deep."""
 
 
 def read_bytes(path: Path, most: int) -> bytes:
