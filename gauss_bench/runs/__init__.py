@@ -1,1 +1,1 @@
-"""Run one engine once on one mechanism, in this process or in a worker process. Every command does so. See README.md."""
+"""Run one engine once on one mechanism, in this process or in a worker process, for every command. See README.md."""

@@ -1,8 +1,8 @@
 """Run an engine in a process of its own: the request to that process, and the checks of its answer.
 
 All engines except the suite's own formulations run in a worker process. Its answer is checked in the parent process, whose code the
-engine cannot change. The engine's process imports this file first: the file imports no modules that read linkages or keep journals,
-which are slow to import, and a mechanism is sent as data.
+engine cannot change. The engine's process imports this file first. The file therefore imports no modules that are slow to import,
+such as those that read linkages or keep journals, and a mechanism is sent as data.
 """
 
 import math
@@ -20,7 +20,7 @@ from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, ask_nothing,
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
 
-TEXT = 1 << 20  # bytes of an answer for sentences and names, besides the samples
+TEXT = 1 << 20  # bytes for the texts of an answer, besides its arrays
 LEVELS = ("q", "v", "a")
 BUILDING = 1800.0  # [s] to build a library: on a busy machine it takes ten times as long as on an idle one
 Alteration = Callable[[Mechanism], Mechanism]
@@ -36,9 +36,9 @@ class Request:
     """A request for a run: the arguments of `one_run`, with the engine given by name.
 
     Attributes:
-        linkage, scenario: names of the mechanism, by which a process finds the model that it kept from an earlier request.
+        linkage, scenario: names of the mechanism, under which a process keeps its model for later requests.
         engine, choice, wanted, ask, shortest: as in `one_run`; `ask` must be picklable.
-        answers: the largest count of numbers in the result of `ask`.
+        answers: largest number of elements of the array that `ask` returns.
         alter: function that plants a fault in the mechanism that the engine is given; the default changes nothing.
     """
 
@@ -53,7 +53,7 @@ class Request:
     alter: Alteration = leave_unaltered
 
     def largest(self, n: int) -> int:
-        """Return the largest size of an answer [bytes]: t, and q, v, a of n coordinates at every sample."""
+        """Return the largest size of an answer [bytes], with t, and q, v, a of n coordinates, at every sample."""
         return 8 * (len(self.wanted.times) * (1 + len(LEVELS) * n) + self.answers) + TEXT
 
 
@@ -62,8 +62,8 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
 
     Args:
         limit: time [s] after which a worker is stopped; waits for a processor do not count.
-        worker: None takes the worker that is kept for the engine.
-        keep_model: whether the process may keep the model that it builds for the next request.
+        worker: by default the one that is kept for the engine.
+        keep_model: whether the process may keep its model for the next request.
     """
     if is_isolated(request.engine):
         return run_apart(request, mechanism, limit, worker or keep(request.engine), keep_model)
@@ -101,7 +101,7 @@ def _run(request: Request, mechanism: Mechanism, keep_model: bool) -> Run:
     only in step, tolerance or samples; one model is kept at a time.
     """
     engine, choice, mechanism = get(request.engine), request.choice, request.alter(mechanism)
-    # identifies the model: all parts of the request on which the built model depends
+    # all parts of the request on which the model depends
     key: tuple[object, ...] = (request.linkage, request.scenario, mechanism.sha256, request.alter)
     key += (request.engine, choice.settings, choice.integrator, choice.stabilization)
 
@@ -179,7 +179,7 @@ def find_unbuilt(engine: str, settings: Iterable[str], worker: Worker) -> str:
 
 
 def find_unbuilt_there(engine: str, settings: list[str]) -> str:
-    """Return the same name as `find_unbuilt`, by a call of the engine's method in this process."""
+    """Return the same name as `find_unbuilt`, by calling the engine's method in this process."""
     names = [ask(get(engine), "unbuilt")(x) for x in settings]
     return next((x for x in names if x), "")
 

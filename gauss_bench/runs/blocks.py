@@ -1,8 +1,7 @@
 """Timing blocks: pieces of work of some milliseconds (steps, runs or calls), which a race times in turn.
 
-A block is timed inside the process that does the work. All blocks of engines in another environment are in one process there, and
-the race asks it to time one block at a time. An engine's environment may contain no package except numpy, so that this file imports
-no other.
+A block is timed inside the process that does the work. All blocks of engines in another environment are in one process there, which
+the race asks to time one block at a time. This file imports no package except numpy, because such an environment may have no other.
 """
 
 import gc
@@ -24,10 +23,10 @@ from gauss_bench.runs.worker import WorkerFailure, keep
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
-BLOCK = 2e-3  # [s] shortest block; clock and scheduler resolve 1 ms
+BLOCK = 2e-3  # [s] shortest block: the clock and the scheduler have a resolution of 1 ms
 MOTION = 1.0  # [s] longest motion in a block of steps: drift would change the work of a longer one
-FIRST = 20  # number of steps from whose time that of a run is extrapolated
-LONGEST = 600.0  # [s] limit of one block in another environment
+FIRST = 20  # number of steps that are timed to estimate the time of a run
+LONGEST = 600.0  # [s] time limit of a block in another environment
 
 
 @dataclass
@@ -39,7 +38,7 @@ class Block:
 
     Attributes:
         entry: key of the entry; a race sets it.
-        ready, go: prepares the work, untimed, and does it, timed.
+        ready, go: functions that prepare the work (untimed) and do it (timed).
         count: number of repetitions of the work in one call of `go`; a fraction if the call does only a part of the work.
         calls: number of calls of `ready` and `go` in one block.
         facts: returns further columns of the entry's row; called after the race.
@@ -64,7 +63,7 @@ class Block:
 def calls_block(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
     """Return a timing block that repeats a call, which is `work` repetitions of the timed work, for about BLOCK seconds."""
     call()  # code may be generated or cached in the first call
-    shortest = max(1e-8, min(measure_seconds(call) for _ in range(3)))  # [s] of three calls; the clock may measure 0
+    shortest = max(1e-8, min(measure_seconds(call) for _ in range(3)))  # [s] of three calls; the clock may give 0
     count = max(1, math.ceil(BLOCK / shortest))
 
     def calls() -> None:
@@ -126,7 +125,7 @@ def lead_block(entry: Hashable, choice: Choice, until: float, steps: int, lead: 
     first = min(steps, FIRST) / steps  # fraction of the run
     block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)
     block.ready()
-    share = share_of(max(measure_seconds(model.run), 1e-9) / first, lead, steps)  # by the estimated time of the whole run
+    share = share_of(max(measure_seconds(model.run), 1e-9) / first, lead, steps)  # from the estimated time of the whole run
     return run_block(entry, choice, np.array([0.0, share * until]), share, model)
 
 
@@ -154,8 +153,8 @@ def prepare_call(prepare: Callable[[Mechanism, Array, Array], LibraryCall], mech
     start = time.perf_counter()
     prepared = prepare(mechanism, q, v)
     seconds = time.perf_counter() - start
-    # The block repeats a call of one repetition (count 1), which is short. A call with another count repeats the work itself, and
-    # may have to be prepared each time. The key of the block, here None, is set by the race.
+    # A call with a count other than 1 repeats the work itself, and may have to be prepared each time. Other calls are short and are
+    # repeated by the block. The race sets the block's key, here None.
     repeats_itself = prepared.count != 1
     block = Block(None, prepared.ready, prepared.call, prepared.count) if repeats_itself else calls_block(None, prepared.call)
     return TimedCall(block, np.asarray(prepared.acceleration, dtype=float), seconds)
@@ -188,10 +187,10 @@ def share_of(seconds: float, lead: float, steps: int) -> float:
 
 
 def _run_once(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
-    """Return a timing block of one run over sample times (k,) [s], which cover the fraction `share` of the whole run."""
+    """Return a timing block of a run over sample times (k,) [s] that cover the fraction `share` of the whole run."""
 
     def ready() -> None:
-        model.choice = choice  # blocks share the model: one that was timed before may have set another step
+        model.choice = choice  # blocks share the model, and another block may have set another step
         model.prepare(times)
 
     return Block(entry, ready, model.run, share)
@@ -223,7 +222,7 @@ class BlockElsewhere(Block):
 
 
 def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> BlockElsewhere:
-    """Return a block that stands for the one that `work` makes of a model in the process of an engine's environment.
+    """Return a block that stands for the block that `work` makes of a model in the process of an engine's environment.
 
     Raises:
         RunFailure: the engine cannot run the mechanism, or the process gave no answer.
@@ -260,7 +259,7 @@ Models = dict[Hashable, Any]  # linkage, scenario, engine, settings, integrator 
 
 
 def get_model(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
-    """Return a model for a choice: the one that is kept in `models` or, if there is none, a new one, which is then kept there.
+    """Return a model for a choice: the one that `models` has or, if there is none, a new one, which is added to `models`.
 
     Only models of a `resizable` engine, which accept another step and tolerance, are used again.
     """

@@ -1,9 +1,8 @@
 """Start a worker under the interpreter of another environment: `PYTHON -I elsewhere.py`.
 
-The worker imports this package from the path of this file, because the package is not installed in the other environment; it can
-import no other package of this environment. If the interpreter cannot run a worker (too old, or no numpy), the program prints the
-reason in one sentence and exits with EX_CONFIG. Old interpreters must be able to parse this file, which uses nothing newer than
-Python 3.6.
+The worker imports this package from the path of this file, because the package is not installed in the other environment; the
+worker can import no other package of this environment. If the interpreter cannot run a worker (too old, or no numpy), the program
+prints the reason in one sentence and exits with EX_CONFIG. Old interpreters must be able to parse this file: it needs Python 3.6.
 """
 
 import importlib.util

@@ -1,7 +1,7 @@
 """The settings and integrators that engines offer, and checks of the durations, steps and budgets of runs.
 
-The description that an engine gives of itself is its `Offer`. Adapters of this package describe themselves in this process,
-plug-ins in a worker. If an engine aborts, hangs, cannot be imported or lacks a member, its description has the reason.
+An engine describes itself by an `Offer`. Adapters of this package do so in this process, plug-ins in a worker. If an engine aborts,
+hangs, cannot be imported or lacks a member, its description has the reason.
 """
 
 import math
@@ -23,17 +23,17 @@ from gauss_bench.runs.worker import MEMORY, Interpreter, Worker, WorkerFailure, 
 from gauss_bench.trajectory import Status, in_a_sentence
 from gauss_bench.untrusted import BadInput
 
-LIMIT = 30.0  # [s] to import an engine and describe it; the slowest known library takes 3 s
+LIMIT = 30.0  # [s] limit for importing and describing an engine; the slowest library takes 3 s
 NOT_INSTALLED = "not installed"
 ALIASES = {"euler": "semi_implicit_euler"}
 METHODS = ("in_python", "build_once", "program")  # optional methods, which only some engines have
-MOST_STEPS = 1e10  # largest number of steps of a run: an hour with the quickest compiled step
+MOST_STEPS = 1e10  # largest number of steps of a run; they take an hour with the quickest compiled step
 MOST_SAMPLES = 5e6  # largest number of samples of a run: the states of a four-bar take half a GiB, and so does each copy
 SPACING = 1e-3  # [s] usual time between two samples; if the step is longer, there is one sample a step
 
 
 class ChoiceError(BadInput, ValueError):
-    """Raised for a setting, integrator, stabilisation or time that an engine or a run cannot have."""
+    """Raised for a setting, integrator, stabilisation or time that an engine or a run does not accept."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +41,14 @@ class Offer:
     """The description that an engine gives of itself.
 
     Attributes:
-        name: of the engine.
+        name: name of the engine.
         version: the version of the engine's library, or "not installed".
         settings: label -> options; the first is the default.
         variants: name -> variant, in the order of searches; the name of a variant may be given in place of settings.
         integrators: the first is the default; empty if the engine does not describe itself.
-        stabilizations: "none" and others.
+        stabilizations: "none" and the others that the engine offers.
         adaptive: the integrators that choose their own steps.
-        options: options that can be given one by one -> words that are allowed as values.
+        options: options that can be set one by one -> words that are allowed as values.
         knobs: name of a knob -> its meaning and the address of its documentation.
         first: variants that are tried first if time is short.
         soft: settings and variants that keep J a = gamma only approximately -> cause.
@@ -119,7 +119,7 @@ class Offer:
         if tolerance is None:
             return choice
         check_positive("the tolerance", tolerance, "")
-        # an engine that is not usable has not said which of its integrators choose their steps: its run reports the reason
+        # an engine that is not usable has not said which of its integrators choose their steps; the run will report why
         if self.usable and choice.integrator not in self.adaptive:
             adaptive = [x for x in self.integrators if x in self.adaptive]
             others = f"those that do are {', '.join(adaptive)}" if adaptive else "none of its integrators does"
@@ -143,7 +143,7 @@ class Offer:
 
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Return in words which Python code, besides its library, runs while an engine is timed; NOT_TOLD if it does not say."""
+    """Name the Python code that runs besides the library while an engine is timed; NOT_TOLD if the engine does not say."""
     environment = environment_of(name)
     # an adapter that is part of this package is called without a worker
     if name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name)):
@@ -166,7 +166,7 @@ def has_method(name: str, method: str) -> bool:
 
 
 def in_python_there(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Return the same text as `in_python`, by a call of the engine's method in this process."""
+    """Return the same text as `in_python`, by calling the engine's method in this process."""
     return str(ask(get(name), "in_python")(mechanism, choice))
 
 
@@ -199,11 +199,11 @@ def offer(name: str) -> Offer:
 def offers(wanted: Sequence[str] | None = None) -> list[Offer]:
     """Return the descriptions of the engines with these names, each once, or of all engines.
 
-    Each engine is asked once: adapters of this package (SAFE) in this process, all other engines in a worker.
+    Adapters of this package (SAFE) are asked in this process, all other engines in a worker.
 
     Raises:
         KeyError: there is no such engine.
-        TypeError: `wanted` is a single text, or has an entry that is none.
+        TypeError: `wanted` is a single text, or has an entry that is not a text.
     """
     if isinstance(wanted, str) or not all(isinstance(name, str) for name in wanted or ()):
         raise TypeError(f"engines must be a list of names, not {wanted!r}")
@@ -247,7 +247,7 @@ def _describe(name: str) -> dict[str, Any]:
 
 
 def _read_offer(name: str, answer: object) -> Offer:
-    """Return the description that a worker's answer has or, if the answer is not valid, a description with the reason."""
+    """Return the description in a worker's answer or, if the answer is not valid, a description with the reason."""
     from pydantic import TypeAdapter, ValidationError  # imported here, because the process of an engine does not need it
 
     try:
@@ -383,7 +383,7 @@ def duration(own: float, suite: float | None = None, until: float | None = None)
 
 
 def check_size(step: float, t_end: float) -> None:
-    """Check that a run until `t_end` has not too many equal steps, nor too many samples, SPACING or a step apart [s].
+    """Check that a run until `t_end` has neither too many equal steps nor too many samples, SPACING or a longer step apart [s].
 
     Raises:
         ChoiceError: the run is too large; the message states its number of steps or samples.

@@ -1,9 +1,9 @@
-"""Run an engine once: sample times -> build -> prepare -> run -> read -> check. Every command runs engines by this module.
+"""Run an engine once: sample times -> build -> prepare -> run -> read -> check. Every command runs engines with this module.
 
 The engine's code is called in `perform`, and the samples that it returns are checked in `receive`, possibly in another process.
 
-Samples lie at multiples of the step. If a sample is wanted at a time that is no multiple of the step, such as the end of the run,
-one shorter step ends there, and the note of the run reports the shorter step.
+Samples lie at multiples of the step. If a sample is wanted at another time, such as the end of the run, one shorter step ends
+there, and the note of the run reports the shorter step.
 """
 
 import hashlib
@@ -37,7 +37,7 @@ class Sampling:
         times: (k,) [s], from 0, increasing.
         step: the step that is asked for [s].
         count: number of steps between the first sample and the last.
-        shortened: number of steps that are shorter, to reach a time that is no multiple of the step.
+        shortened: number of steps that are shorter, to reach a time that is not a multiple of the step.
     """
 
     times: Array
@@ -56,9 +56,9 @@ class Sampling:
 def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spacing: float = SAMPLING) -> Sampling:
     """Return sample times from 0 to t_end, about `spacing` [s] apart, and each time in `meet` that is a multiple of the step.
 
-    The end time is always a sample time; if it is no multiple of the step, the last step is shorter.
+    The end time is always a sample time; if it is not a multiple of the step, the last step is shorter.
     """
-    # the factor admits an end that is rounded up
+    # the factor accepts a time that exceeds the end by rounding
     reached = [x for x in np.asarray(meet, dtype=float) if x <= t_end * (1 + 1e-12) and _is_multiple(x, step)]
     return _sample(step, _grid(step, t_end, spacing), [*reached, _whole_steps(step, t_end) * step, t_end])
 
@@ -66,11 +66,11 @@ def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spac
 def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING) -> Sampling:
     """Return sample times about `spacing` [s] apart, and every time in `at`.
 
-    A time in `at` that is no multiple of the step is reached by a shorter step. The multiples of the step before and after it are
-    sample times too, so that only the two steps between them are shorter.
+    A shorter step reaches a time in `at` that is not a multiple of the step. The multiples of the step before and after this time
+    are sample times too, so that only the two steps between them are shorter.
     """
     last = max(at)
-    neighbours = []  # multiples of the step on both sides of a time that whole steps miss
+    neighbours = []  # multiples of the step on both sides of a time that is not one
     for x in at:
         if not _is_multiple(x, step):
             neighbours += [k * step for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
@@ -78,12 +78,12 @@ def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING
 
 
 def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
-    """Return a sampling at exactly these times, the first of which is the start; steps to times between multiples are shorter."""
+    """Return a sampling at exactly these times, the first of which is the start; steps to times off the multiples are shorter."""
     return _sample(step, np.asarray(times, dtype=float), [])
 
 
 def _whole_steps(step: float, t_end: float) -> int:
-    """Return the number of whole steps until a time; a time that is a multiple of the step up to rounding counts as reached."""
+    """Return the number of whole steps until a time, which may be short of a multiple of the step by rounding."""
     return int(np.floor(t_end / step * (1 + 1e-12)))
 
 
@@ -130,7 +130,7 @@ class Outcome:
         returned: the samples that the engine returned, or reached before a failure; an object of any type, which is not checked
             yet.
         answer: the result of the function `ask`, which was called with the model before the run.
-        build_time, seconds: processor time of building the model and of running it [s]; NaN if the outcome ended before.
+        build_time, seconds: processor time of building the model and of running it [s]; NaN if the run failed before.
     """
 
     status: Status
@@ -227,7 +227,7 @@ def perform(
         running = None  # the run is complete: if `read` fails, it is not called again
         return Outcome(Status.OK, "", model.read(), answer, built, seconds)
     except RunFailure as failure:
-        # an engine may raise any object as a status: if no failure can have it, it becomes ERROR
+        # the status that an engine raises may be any object; if it is not the status of a failure, it becomes ERROR
         status = next((x for x in Status if x == failure.status and x not in (Status.OK, Status.INVALID)), Status.ERROR)
         message, reached = in_a_sentence(failure), failure.reached
     except ImportError as error:
@@ -260,7 +260,7 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
         status = Status.NAN if verdict.objections[0].subject is judge.Subject.NUMBERS else Status.INCOMPLETE
         message = "; ".join(filter(None, (verdict.sentence, reached.note if reached else "")))
         return Run(status, message, None, reached, wanted, *costs)
-    if reached is None:  # the samples are complete, so only the count of steps can be wrong
+    if reached is None:  # the samples are complete, so that only a count can be wrong
         return Run(Status.INCOMPLETE, "the engine's count of steps is no number", None, None, wanted, *costs)
     # `wanted.note` reports shortened steps; it does not apply if the integrator has chosen other steps
     notes = (reached.note, wanted.note if reached.steps == wanted.count else "")
@@ -279,7 +279,7 @@ def draw_samples(trajectory: Trajectory) -> NDArray[np.intp]:
 
 
 def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
-    """Return the median relative error of a trajectory's accelerations at some of its states, against Gauss's formulation.
+    """Return the median relative error of a trajectory's accelerations against Gauss's formulation, at some of its states.
 
     The result is None if the accelerations are not determined, as with friction on redundant rows.
     """

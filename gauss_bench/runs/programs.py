@@ -43,7 +43,7 @@ def program_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str
 def run_there(text: str, seconds: float) -> dict[str, Any]:
     """Run a program under this interpreter; return {"printed": its output} or {"failed": why it failed}.
 
-    The program sees the packages of the interpreter's environment alone, and is stopped after `seconds` [s].
+    The program sees only the packages of the interpreter's environment, and is stopped after `seconds` [s].
     """
     with TemporaryDirectory() as folder:
         file = Path(folder, "linkage.py")
@@ -63,7 +63,7 @@ def ask_program(worker: Worker, engine: str, mechanism: Mechanism, choice: Choic
     """Return the program that an engine writes in a worker, which may take `limit` [s].
 
     Raises:
-        RunFailure: as `read_program`.
+        RunFailure: as in `read_program`.
         WorkerFailure: the engine's process failed.
     """
     asked = worker.under(interpreter_of(engine)).call(program_there, (engine, mechanism, choice), limit)
@@ -74,7 +74,7 @@ def read_program(engine: str, answer: object) -> str:
     """Return the program in the answer of `program_there`.
 
     Raises:
-        RunFailure: the engine refused, or its answer is no program in Python.
+        RunFailure: the engine refused, or its answer is not a Python program.
     """
     match answer:
         case {"refused": str(reason)}:

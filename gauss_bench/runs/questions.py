@@ -21,10 +21,10 @@ from gauss_bench.runs.one_run import Asked
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_evenly
 
-SHIFT = 1e-14  # relative change of a start, whose effect shows the effect of rounding
+SHIFT = 1e-14  # relative change of a start; it acts like rounding errors
 COMPONENTS = 3  # of a joint force: fx, fy and the moment
 FORCED = 20  # states at which an engine is asked for its own joint forces
-SUBSTEPS = 5  # steps between two times of `follow_accelerations` if no loop is stiff
+SUBSTEPS = 5  # steps between two times in `follow_accelerations`, enough unless loops are stiff
 
 
 def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
@@ -65,11 +65,11 @@ class ForceQuestion:
 
     @property
     def answers(self) -> int:
-        """The count of numbers in the engine's answer, for `Request.answers`."""
+        """The number of elements of the engine's answer, for `Request.answers`."""
         return COMPONENTS * len(self.mechanism.joints) * len(self.states.t)
 
     def compare(self, answer: object) -> tuple[float, float]:
-        """Return the largest error of the joint forces in an answer, and the largest true joint force [N, N m]; NaN without any."""
+        """Return the largest error of the joint forces in an answer, and the largest true joint force [N, N m]; NaN without forces."""
         shape = (len(self.states.t), len(self.mechanism.joints), COMPONENTS)
         if not isinstance(answer, np.ndarray) or answer.shape != shape:
             return np.nan, np.nan
@@ -121,7 +121,7 @@ def describe_python() -> dict[str, str]:
 
 
 def shift(x: Array, rng: np.random.Generator) -> Array:
-    """Return x with each number changed at random by up to SHIFT times the largest |x|; zeros, as of a state at rest, stay zero."""
+    """Return x with each number changed at random by up to SHIFT times the largest |x|; zeros (a state at rest) stay zero."""
     return np.asarray(x + SHIFT * np.abs(x).max(initial=0.0) * rng.uniform(-1.0, 1.0, x.shape) * (x != 0))
 
 

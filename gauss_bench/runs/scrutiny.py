@@ -26,16 +26,16 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_evenly
 
 LONGEST = 60.0  # [s] processor time of a repetition; only the first part of a longer run is repeated
-LARGEST = 40  # degrees of freedom beyond which modes are not computed, because they would take too long
+LARGEST = 40  # most degrees of freedom for which modes are computed: with more, it takes too long
 LOOKED_AT = 5  # states whose modes are computed; the median counts, because one state may be near a singular position
-VAGUE = 0.1  # a reference cannot decide if its error bar is above this share of the error that the judge allows
+VAGUE = 0.1  # a reference cannot decide if its error bar exceeds this fraction of the error that the judge allows
 RELATIVE = re.compile(r"rtol|reltol|relative_tolerance")  # names of options for the relative tolerance of an integrator
 USUAL_TOLERANCE = 1e-6  # relative tolerance of an engine that states none
 TIGHTER, SMALLEST_TOLERANCE = 100.0, 1e-14  # divisor of the relative tolerance for a repetition, and its least value
 A_PERIOD = 8  # samples in a period: the integral of a sine through them has an error of 1e-3
-LEAST = 100  # fewest samples of a run: rates change their sign about as often in a short run as in a long one
+LEAST = 100  # fewest samples of a run: motions may reverse as often in a short run as in a long one
 MOST = 200_000  # most samples of a run with a spacing below SAMPLING: half a GiB for a large linkage
-MOVED = 1e-6  # [rad, m] for difference quotients: large compared with rounding, small compared with curvature
+MOVED = 1e-6  # step of difference quotients of positions [m, rad] and velocities, well above rounding and below curvature
 FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 
 
@@ -95,7 +95,7 @@ def at_samples(finer: Run, times: Array) -> Run:
 def finer_tolerance(offer: Offer, choice: Choice) -> float:
     """Return the relative tolerance of a repetition of a run: that of the choice or of the engine's options, divided by TIGHTER.
 
-    Below SMALLEST_TOLERANCE, rounding exceeds the error of integration: the repetition then has a looser tolerance instead.
+    Below SMALLEST_TOLERANCE, where rounding exceeds the error of integration, the repetition has a looser tolerance instead.
     """
     tolerance = choice.tolerance
     if tolerance is None:
@@ -113,7 +113,7 @@ def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
 
 
 def is_same_run(one: Trajectory, other: Trajectory) -> bool:
-    """Tell whether a moving run and its repetition have the same q and v, bit for bit as far as both go.
+    """Tell whether a moving run and its repetition have the same q and v, bit for bit, until the shorter one ends.
 
     If so, the engine ignores the tolerance or the step. The results of a linkage at rest are equal in any case.
     """
@@ -148,7 +148,7 @@ def warn_of_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> str
 
 
 def steps_a_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> float | None:
-    """Return the number of fixed steps in the shortest period of a force; None if no force is periodic or steps are not fixed."""
+    """Return the number of fixed steps in the shortest period of a force; None without a periodic force or fixed steps."""
     period = mechanism.forcing_period
     return None if period is None or adaptive else period / choice.step
 
@@ -181,7 +181,6 @@ def evidence_of(
         evidence = replace(evidence, seen=measurable_gain(mechanism, trajectory, evidence))
     if truth is None or not truth.certified:  # an uncertified reference shares equations with the run
         evidence = replace(evidence, disagreement=disagreement(mechanism, trajectory))
-    # how many fixed steps there are in a period of the fastest sinusoidal force
     evidence = replace(evidence, steps_a_forcing=steps_a_forcing(mechanism, choice, adaptive))
     # evidence from the repetition; `unrepeated` is the reason why there is none, which counts only without a reference
     if finer is None:
@@ -227,7 +226,7 @@ def fastest_rate(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
 
 
 def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np.complex128]]:
-    """Return the eigenvalues (2 dof,) [1/s] of small motions about LOOKED_AT states; states at which this fails are left out.
+    """Return the eigenvalues (2 dof,) [1/s] of small motions about LOOKED_AT states, without states at which FAILURES occur.
 
     At a state q, v with null space N (n, dof) of the constraint rows, a small motion N x obeys x'' = N^T a_q N x + N^T a_v N x',
     where a_q and a_v are the derivatives of the accelerations with respect to q and v. The list is empty beyond LARGEST degrees of

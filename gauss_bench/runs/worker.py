@@ -43,19 +43,19 @@ import numpy as np
 from gauss_bench.trajectory import Failure, Status, in_a_sentence
 
 HEADER = struct.Struct("<16sQ")  # before each task and answer: token of the task, and number of bytes that follow
-ANSWERS = 200  # least descriptor of the pipes, far above those that libraries open
-LARGEST = 1 << 26  # bytes of an answer unless the caller gives another limit
-POLL = 0.5  # [s] between checks that the process lives: a child of it may keep the pipe open
+ANSWERS = 200  # least file descriptor of the pipes, far above those that libraries open
+LARGEST = 1 << 26  # most bytes of an answer, by default
+POLL = 0.5  # [s] between checks that the process is alive: its child may keep the pipe open
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 BACKSTOP = 20.0  # a task is stopped after BACKSTOP times its limit even if it only waits for a processor
-MEMORY = 6 << 30  # bytes of a process; engines need one or two GiB
+MEMORY = 6 << 30  # memory limit of a process [bytes]; engines need one or two GiB
 ROUNDS = 100  # most attempts to find and end the processes of a worker
 MARK = "GAUSS_BENCH_WORKER"  # environment variable of a worker, which the processes that it starts inherit
 MOST_MEMORY = "GAUSS_BENCH_MEMORY"  # environment variable of a worker: bytes that it may use
 SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER of Linux's prctl
 GRACE = 5.0  # [s] by which the worker's own alarm comes after the parent's limit
 LENGTH = struct.Struct("<Q")  # at the beginning of an answer: number of bytes of its JSON
-LONGEST = 1 << 26  # most bytes of JSON, whose objects need some 20 times as much memory
+LONGEST = 1 << 26  # most bytes of JSON; its decoded objects need about 20 times as much memory
 ARRAY = "array of numbers"  # key of a JSON object that stands for an array
 MOST = 3  # most dimensions of an array
 KINDS = {"f": np.dtype("<f8"), "i": np.dtype("<i8"), "b": np.dtype("|b1")}  # kind of numpy's types -> type in an answer
@@ -114,7 +114,7 @@ class Worker:
         Raises:
             WorkerFailure: the interpreter cannot be started.
         """
-        process = self.process  # which another thread may take away meanwhile
+        process = self.process  # a copy, because another thread may stop the process meanwhile
         if process is None or process.poll() is not None:
             environment = os.environ | dict.fromkeys(THREADS, "1")
             environment |= {MARK: self.mark, MOST_MEMORY: str(self.interpreter.memory)}
@@ -138,7 +138,7 @@ class Worker:
         if process is None:
             return
         if process.poll() is None:
-            _end_descendants(process.pid)  # before their worker, or they would get another parent
+            _end_descendants(process.pid)  # before the worker, after whose end they would have another parent
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)
         process.kill()
@@ -171,7 +171,7 @@ class Worker:
         assert process.stdin is not None
         token = os.urandom(16)
         self.log.seek(0)
-        self.log.truncate()  # so that the last line is of this task
+        self.log.truncate()  # so that the last line comes from this task
         try:
             _send(process.stdin, token, (function, arguments, limit))
             answer = _receive_within(process, token, _Clock(process.pid, limit, longest), largest)
@@ -222,7 +222,7 @@ _kept: dict[str, Worker] = {}  # engine -> its worker
 
 
 def keep(engine: str) -> Worker:
-    """Return the worker of an engine, which is kept as long as this process lives: libraries take up to 3 s to import."""
+    """Return the worker of an engine, which is kept until this process ends, because libraries take up to 3 s to import."""
     if engine not in _kept:
         _kept[engine] = Worker()
         atexit.register(_kept[engine].stop)
@@ -305,7 +305,7 @@ class _Clock:
     def _waiting_time(self) -> float:
         """Return the time [s] for which the process has waited for a processor since the task began.
 
-        The first thread may sleep until another one has finished, such as one that compiles: the longest wait of these is added.
+        The first thread may sleep until another one, such as one that compiles, has ended: the longest wait of the others is added.
         """
         waited = {thread: x - self.before.get(thread, 0.0) for thread, x in read_waits(self.pid).items()}
         return waited.pop(self.pid, 0.0) + max(waited.values(), default=0.0)
@@ -349,7 +349,7 @@ def _descendants(root: int) -> list[int]:
     ended = set()  # zombies
     for pid in _processes():
         with contextlib.suppress(OSError), open(f"/proc/{pid}/stat", "rb") as file:
-            state, parent = file.read().rpartition(b")")[2].split()[:2]  # the name before it may hold blanks and brackets
+            state, parent = file.read().rpartition(b")")[2].split()[:2]  # after the name, which may contain blanks and brackets
             children.setdefault(int(parent), []).append(pid)
             if state in (b"Z", b"X"):
                 ended.add(pid)
@@ -462,7 +462,7 @@ def _is_length(x: object) -> bool:
 
 def main() -> None:
     """Answer tasks until the parent closes the pipe."""
-    # both pipes move to descriptors from ANSWERS on, out of the way of libraries, and leave 0 and 1
+    # move both pipes from descriptors 0 and 1 to ANSWERS or above, out of the way of libraries
     answers = os.fdopen(fcntl.fcntl(1, fcntl.F_DUPFD_CLOEXEC, ANSWERS), "wb")
     tasks = os.fdopen(fcntl.fcntl(0, fcntl.F_DUPFD_CLOEXEC, ANSWERS), "rb")
     os.dup2(2, 1)  # what a library prints goes to the error stream
@@ -483,7 +483,7 @@ def main() -> None:
             function, arguments, limit = _refuse, (f"the task cannot be read: {type(error).__name__}: {error}",), 60.0
         signal.signal(signal.SIGALRM, signal.SIG_DFL)  # the default action ends the process even inside a library
         signal.setitimer(signal.ITIMER_REAL, BACKSTOP * limit + GRACE)
-        os.chdir(home)  # a library may have changed the folder, and paths in tasks are relative
+        os.chdir(home)  # a library may have changed the working folder, and paths in tasks are relative
         answer = _answer(function, arguments)
         signal.setitimer(signal.ITIMER_REAL, 0)
         answers.write(HEADER.pack(token, len(answer)) + answer)
