@@ -1,10 +1,10 @@
 """Checks of an engine's numbers: accelerations at given states, and runs against the motion that they should follow.
 
 Accelerations are compared with those of the suite's own equations (`probes`), under every setting, integrator and variant. A run is
-compared with the suite's own motion or, under a setting that the engine declares `soft` (compliant constraints close its loops),
+compared with the suite's own motion or, under a setting that the engine declares `soft` (compliant constraints close the loops),
 with the motion that follows from the engine's own accelerations, which are compared first. The allowed error of a run is a multiple
-of the change of its result when the step is halved or the tolerance is tightened. A variant that is declared `unfinished` is known
-to be wrong: its accelerations are not checked, and an error of its run does not count as a failed check.
+of the change when the step is halved or the tolerance is tightened. A variant that is declared `unfinished` is known to be wrong:
+its accelerations are not checked, and an error of its motion does not count as a failed check.
 """
 
 from collections.abc import Iterator
@@ -31,15 +31,15 @@ from gauss_bench.trajectory import Status, Trajectory
 
 EXACT = 1e-9  # allowed error relative to the largest acceleration: rounding leaves 1e-12, Pinocchio's articulated bodies 1e-10
 ALONG = 1e-8  # allowed N^T (M a - Q) relative to N^T Q: MuJoCo's solver leaves 1e-9 if it ends by its own tolerance
-SINGLE = (1e-8, 1e-5)  # relative errors of computation in single precision, which rounds numbers by 6e-8 of themselves
-LEAST_GAMMA = 0.5  # least share of gamma in a row of J a: 1.0000 with MuJoCo's softest closures, 0 without the velocity term
-LOOSE = 0.05  # allowed gap relative to the linkage's size: MuJoCo's loops open by a hundredth, open trees fall by a tenth
+SINGLE = (1e-8, 1e-5)  # range of relative errors in single precision, whose rounding error is 6e-8
+LEAST_GAMMA = 0.5  # least fraction of gamma in a row of J a: 1.0000 with MuJoCo's softest closures, 0 without the velocity term
+LOOSE = 0.05  # allowed gap relative to the linkage's size: MuJoCo's loops open by 0.01, while open trees fall by 0.1
 RATIO = 3.0  # allowed error relative to the change by half the step: 2 for a method of order one, less for higher orders
-ROUNDING = 1e-9  # allowed error of a run relative to its largest position, velocity and acceleration, in any case
+ROUNDING = 1e-9  # added to the allowed error, relative to the largest displacement, velocity or acceleration
 GAVE_UP = (Status.NOT_CONVERGED, Status.WARNING, Status.DIVERGED)  # statuses of a run whose solver gave up
 COARSE, TIGHT = 1e-6, 1e-8  # tolerances of integrators that choose their steps
 TIMES = np.linspace(0.0, DURATION, 21)  # [s] samples of a run
-STIFF = 40  # steps between two samples if SUBSTEPS are too few: steps of 1/8 ms follow vibrations of 1 ms
+STIFF = 40  # steps between two samples if SUBSTEPS are too few: steps of 1/8 ms resolve vibrations with a period of 1 ms
 LEVELS = ("positions", "velocities", "accelerations")
 KINDS = str(FOLDER / "linkages" / "kinds.toml")  # slides on moving links, three degrees of freedom, every kind of driver
 LINKAGES = (  # linkages and scenarios, moved by loads and by drivers; parallelogram has redundant rows
@@ -71,10 +71,10 @@ class Answer:
     """The accelerations of an engine at the states of a probe, compared with the suite's own accelerations.
 
     Attributes:
-        off: largest error of the accelerations, relative to the largest acceleration of a state; NaN if the engine gave none.
+        off: largest error of the accelerations, relative to the largest one of the state; NaN if the engine gave none.
         along: |N^T (M a - Q)| relative to |N^T Q|, where the columns of N are the motions that the constraints leave free: the
             error of the equations of motion without the constraint forces; NaN if the engine gave no accelerations.
-        gamma: smallest share, over all rows of J a, that the row contains of gamma, which the constraints require (J a = gamma).
+        gamma: smallest fraction of gamma that a row of J a contains; the constraints require J a = gamma.
         refused: the reason why the engine cannot model the linkage, or an empty text.
         wrong: the reason why the engine gave no accelerations, or an empty text.
         given: the engine's accelerations (k, n), or None.
@@ -128,7 +128,7 @@ def ask(subject: Subject, choice: Choice, known: Probe) -> Answer:
 
 
 def is_excusable(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
-    """Tell whether a run failed for a reason that is no fault of the engine.
+    """Tell whether a run failed for a reason that is not a fault of the engine.
 
     The engine may refuse the linkage or its redundant rows, and the time for all checks may be used up. The solver may give up with
     a variant, which only searches try, but not with a setting, which users choose.
@@ -161,9 +161,9 @@ def check_accelerations(subject: Subject) -> Iterator[Check]:
             yield Check(title, None, f"declared unfinished: {cause}")  # None: neither passed nor failed
             continue
         subject.tell(f"Accelerations under {name_choice(choice)}.")
-        probes = [probe(*subject.accepted[0])]  # the first linkage that the engine takes
+        probes = [probe(*subject.accepted[0])]  # the first linkage that the engine accepts
         if choice.integrator == offer.integrators[0] and choice.settings in offer.settings:
-            # a setting with the default integrator: all linkages, and that first one with all its numbers changed
+            # settings with the default integrator: all linkages, and the first accepted one with all its numbers changed
             probes = [*(probe(*x) for x in LINKAGES), probe(*subject.accepted[0], EVERYTHING)]
         answers = {}
         for known in probes:
@@ -175,8 +175,8 @@ def check_accelerations(subject: Subject) -> Iterator[Check]:
 def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
     """Combine an engine's answers (name of the probe -> answer) into one check.
 
-    The message quotes the worst fault and names the others or, if there is none, says how many digits agree, at how many states,
-    and which linkages the engine refused. Accelerations of `soft` loops must be right only along the free directions.
+    The message quotes the worst fault and lists the probes with a fault or, without a fault, says how many digits agree, at how
+    many states, and which linkages the engine refused. Accelerations of `soft` loops must be right only along the free directions.
     """
     modelled = {name: x for name, x in answers.items() if not x.refused}
     if not modelled:
@@ -187,7 +187,7 @@ def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
         others = f"; it shows on {len(faults)} of {len(modelled)}: {_list_few(list(faults))}"
         return Check(title, False, f"{faults[worst]} ({worst}){others}")
     message = f"agree to {digits(max(x.off for x in modelled.values()))}"
-    if soft:  # errors of whole accelerations (`off`) are only reported; those along free directions (`along`) have been judged
+    if soft:  # errors `off` of whole accelerations are reported without a limit; those along free directions (`along`) have one
         message += f", those that constraints leave free to {digits(max(x.along for x in modelled.values()))},"
     count = sum(len(x.given) for x in modelled.values() if x.given is not None)
     message += f" at {count} states of {len(modelled)} linkage{'s' * (len(modelled) > 1)}"
@@ -215,7 +215,7 @@ def check_forces(subject: Subject) -> Iterator[Check]:
     answer = ask(subject, subject.usual, probe(KINDS, "loaded"))
     together = _combine("every kind of force acts as defined", {"kinds": answer}, soft)
     yield together
-    bare = probe(KINDS, "loaded", forces=())  # without any force; only needed to find the effect of a single force
+    bare = probe(KINDS, "loaded", forces=())  # without any force, to find the effect of a single force
     unloaded = Answer() if together.passed else ask(subject, subject.usual, bare)
     if together.passed or unloaded.refused:
         return
@@ -231,9 +231,9 @@ def check_forces(subject: Subject) -> Iterator[Check]:
 
 
 def effect(measured: Array, true: Array) -> str:
-    """Return in words what is wrong with a force, given its measured and its true effect on the accelerations (n,)."""
-    factor = float(measured @ true / (true @ true))  # of least squares: measured = factor * true
-    if np.abs(measured).max() <= 1e-6 * np.abs(true).max():  # rounding of the two accelerations
+    """Return the fault of a force in words, given its measured and its true effect on the accelerations (n,)."""
+    factor = float(measured @ true / (true @ true))  # least squares for measured = factor * true
+    if np.abs(measured).max() <= 1e-6 * np.abs(true).max():  # rounding errors of the two accelerations
         return "it has no effect"
     if np.abs(measured + true).max() <= 0.5 * np.abs(true).max():  # measured is nearer to -true than to 0
         return "it acts in the opposite direction"
@@ -246,7 +246,7 @@ def check_joint_forces(subject: Subject) -> Iterator[Check]:
     if subject.usual.settings in subject.offer.soft:
         yield Check(title, None, "declared soft: its joints exert other forces")
         return
-    agreed = ""  # the digits on the last linkage on which the engine reports joint forces
+    agreed = ""  # the digits for the last linkage for which the engine reports joint forces
     for linkage, scenario in (subject.accepted[0], *PLAIN):
         known = probe(linkage, scenario)
         question = ForceQuestion(known.mechanism, Trajectory(known.t, known.q, known.v, known.a, None))
@@ -282,8 +282,8 @@ def check_motions(subject: Subject) -> Iterator[Check]:
 def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
     """Check a run with one setting, and its repetitions with shorter steps, against the motion that they should follow.
 
-    The springs that close the loops of a soft setting may vibrate fast. If such a run differs from the motion, which SUBSTEPS steps
-    per sample integrate, it is compared with one that STIFF steps per sample integrate.
+    The springs that close the loops of a soft setting may vibrate fast. If such a run differs from the motion that is integrated
+    with SUBSTEPS steps per sample, it is compared with the motion that is integrated with STIFF steps per sample.
     """
     check = _follow_motion(subject, choice, linkage, scenario, SUBSTEPS)
     if check.passed is False and choice.settings in subject.offer.soft:
@@ -304,7 +304,7 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
     unfinished = choice.settings in subject.offer.unfinished
     soft = choice.settings in subject.offer.soft and not unfinished
     motion = partial(follow_accelerations, dop853_tableau(), TIMES, mechanism.q0, mechanism.v0, finer=finer)
-    answers = len(LEVELS) * len(TIMES) * mechanism.n  # how many numbers the motion in the engine's answer has
+    answers = len(LEVELS) * len(TIMES) * mechanism.n  # number of elements of the motion in the engine's answer
     runs, samples = [], []  # `samples` has the positions, velocities and accelerations (3, k, n) of each run
     for tried in _from_coarse_to_fine(choice, choice.integrator in subject.offer.adaptive):
         run = subject.perform(mechanism, tried, TIMES, motion if soft else ask_nothing, answers, keep=True)
@@ -347,8 +347,8 @@ def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
 def _compare(expected: Array, given: Array, finest: Array, names: tuple[str, ...]) -> tuple[str, str]:
     """Compare a run with the expected motion; return (sentence on the agreement, "") or ("", sentence on the fault).
 
-    All motions, also that of the run's finest repetition, are positions, velocities and accelerations (3, k, n), of which those in
-    `names` count. An error is a fault if it exceeds RATIO times the change between the run and its finest repetition.
+    All motions, including `finest`, the run's finest repetition, are positions, velocities and accelerations (3, k, n); those in
+    `names` are compared. An error is a fault if it exceeds RATIO times the change between the run and its finest repetition.
     """
     travel = np.array([expected[0] - expected[0, 0], expected[1], expected[2]])  # displacements from the start instead of positions
     scale = np.abs(travel).max(axis=(1, 2))

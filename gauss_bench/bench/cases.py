@@ -12,12 +12,12 @@ from gauss_bench.runs.offers import Offer, duration, offer, usable_steps
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import PLAIN, LeftOut, Suite
 
-# linkage and scenario of all cases of two suites; their runs end when the suite says, and others when the scenario ends
+# (linkage, scenario) of the cases of two suites, whose runs end as the suite states; other runs end with the scenario
 LISTED = {place for name in ("quick", "exhaustive") for part in read_suite(name).accuracy for place in part.linkages.items()}
 
 
 class Combination(NamedTuple):
-    """The names of an engine's settings, of one of its integrators and of a stabilisation."""
+    """The names of settings, an integrator and a stabilisation of an engine."""
 
     settings: str
     integrator: str
@@ -28,8 +28,8 @@ class Combination(NamedTuple):
 class Case:
     """A case of the accuracy table; its fields are the key of its rows.
 
-    `linkage` is a name or a path, and `scenario` is "" for the first one that has a start. `step` [s] is the spacing of the samples
-    if the integrator chooses its own steps. The run ends at `t_end` [s].
+    `linkage` is a name or a path; `scenario` is "" for the linkage's first scenario with a start. `step` [s] is the spacing of the
+    samples if the integrator chooses its own steps. The run ends at `t_end` [s].
     """
 
     linkage: str
@@ -50,13 +50,13 @@ class Case:
 def combinations(
     engine: Offer, integrators: int | Sequence[str] | None = None, plain: bool = False, asked: str | None = None
 ) -> list[Combination]:
-    """Return the combinations of setting, integrator and stabilisation with which an engine is run; the first is its default.
+    """Return the combinations of setting, integrator and stabilisation with which an engine is run; the first is the default.
 
     Every setting is combined with every integrator, without stabilisation; each stabilisation is combined with the default setting
     and the default integrator.
 
     Args:
-        integrators: how many integrators are taken, from the first on, or the names of those to be taken; None for all.
+        integrators: number of integrators, counted from the first, or their names; None for all.
         plain: whether the only combination is the default one.
         asked: the only setting; None for all.
 
@@ -64,7 +64,7 @@ def combinations(
         ChoiceError: the engine has no setting `asked`.
     """
     if not engine.usable:
-        return [Combination("default", "", "none")]  # for one row, which has the reason
+        return [Combination("default", "", "none")]  # for a single row, which has the reason
     if asked is not None:
         engine.resolve_settings(asked)
     if integrators is None or isinstance(integrators, int):
@@ -90,8 +90,8 @@ def cross(
 ) -> Iterator[Case]:
     """Yield the cases: every linkage (with its scenario) with every engine, every combination of its options, and every step size.
 
-    Steps [s] are from large to small; an integrator that chooses its own steps has the last one only. Engines in `plain` are run
-    with their defaults only, unless a setting is `asked` for. `integrators` and `asked` are as in `combinations`.
+    Steps [s] are from large to small; an integrator that chooses its own steps is run with the last one. Engines in `plain` are run
+    with their defaults, unless a setting is `asked` for. `integrators` and `asked` are as in `combinations`.
     """
     for linkage, scenario in linkages.items():
         for name in engines:

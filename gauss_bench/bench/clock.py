@@ -8,10 +8,11 @@ milliseconds: shorter work is repeated within it, because the first repetition i
 blocks. The garbage collector is off during a race. No block is discarded.
 
 A race is repeated in several processes, because the memory addresses of code and data change a measured time by some per cent and
-are fixed during a process. The time of an entry is the lower quartile of its rounds in each process, and then the median over the
-processes. A ratio is the quotient of two such times over common rounds and processes. A spread contains the value of each process
-and, with a probability of 99 %, the result of a repeated race (`prediction_interval`). One process says nothing about a repeated
-race: its spread is the range from the 5 % to the 95 % quantile of its rounds or of bootstrap samples of them.
+are fixed during a process. The time of an entry in a process is the lower quartile of its rounds, and its time in the race the
+median over the processes. A ratio is the quotient of two such times over common rounds and processes. A spread contains the value
+of each process and, with a probability of 99 %, the result of a repeated race (`prediction_interval`). A single process says
+nothing about other processes: its spread is the range from the 5 % to the 95 % quantile of its rounds, or of bootstrap samples of
+these.
 
 Source: T. Kalibera and R. Jones, Rigorous benchmarking in reasonable time, 2013 (paired benchmarks).
 """
@@ -34,7 +35,7 @@ from gauss_bench.trajectory import Failure, RunFailure, Status
 SLOW, SLOW_ROUNDS = 0.1, 4  # [s] a block that takes longer runs in the first rounds only: all rounds would take minutes
 CERTAIN = 0.99  # probability that the result of a repeated race falls within a spread
 RESAMPLES = 200  # resamplings of the rounds, for the spread of a ratio
-NO_KEY = None  # in place of the key of a block's entry, before a race gives the block its key
+NO_KEY = None  # key of a block until a race sets its key
 
 Row = dict[str, Any]
 
@@ -119,7 +120,7 @@ class Measured:
         return spread("seconds", self.of(key)) | self.facts.get(key, {})
 
     def compare(self, own: Hashable, rival: Hashable) -> Row:
-        """Return the columns that `compare` computes from the samples of two entries; a Failure if one was not measured."""
+        """Return the columns that `compare` computes from the samples of two entries; raise a Failure if one was not measured."""
         return compare(self.of(own), self.of(rival))
 
 
@@ -165,9 +166,9 @@ def key_of(row: Row) -> Key:
 
 
 def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, strict: bool = False) -> Measured:
-    """Group the result rows of several processes of a race by entry, of which `key` returns the key.
+    """Group the result rows of several processes of a race by entry; `key` returns the key of a row's entry.
 
-    Each row has the seconds of one entry in one round of one process, its `facts`, or the status and the reason of its failure.
+    Each row has the seconds of an entry in one round of one process, the entry's `facts`, or the status and reason of its failure.
     With `strict`, an entry that failed in one process counts as failed even if it has times in other processes.
     """
     samples: dict[Hashable, dict[int, list[float]]] = {}  # key of an entry -> number of a process -> times of its rounds [s]
@@ -209,7 +210,7 @@ def time_of(samples: Array) -> float:
 
 
 def quotients(samples: Array, baseline: Array) -> Array:
-    """Return values (j,) of the ratio samples / baseline of two measured times, whose scatter shows how uncertain it is.
+    """Return values (j,) of the ratio samples / baseline of two measured times; their scatter shows the ratio's uncertainty.
 
     There is one value for each process that timed both quantities or, if only one did, RESAMPLES values from bootstrap samples of
     its rounds.
@@ -219,7 +220,7 @@ def quotients(samples: Array, baseline: Array) -> Array:
         return quartiles(numerators) / quartiles(denominators)
     rounds = np.isfinite(numerators[0])
     pair = numerators[0][rounds], denominators[0][rounds]
-    # the same rounds are drawn of both: a disturbance of one round affects both alike and cancels
+    # the same rounds are drawn for both: a disturbance of one round affects both alike and cancels
     picks = np.random.default_rng(1).integers(0, rounds.sum(), (RESAMPLES, rounds.sum()))
     longer, shorter = (np.quantile(x[picks], 0.25, axis=1) for x in pair)
     return np.asarray(longer / shorter)
@@ -259,7 +260,7 @@ def spread_ends(values: Array, several: bool) -> tuple[float, float]:
 def prediction_interval(values: Array) -> tuple[float, float]:
     """Return the ends of an interval that contains all `values` and, with probability CERTAIN, the median of a repeated race.
 
-    `values` (n,) has one time or ratio for each of n processes; both ends are NaN for fewer than two. The logarithms of the
+    `values` (n,) has one time or ratio for each of n processes; both ends are NaN if n < 2. The logarithms of the
     values are taken as normally distributed with the standard deviation s. The median of n of them has the variance pi s^2 / (2 n),
     so that the difference between the medians of two races has the standard deviation s (pi / n)^(1/2). Because s is estimated from
     n values, the quantile is that of Student's t with n - 1 degrees of freedom.
@@ -288,7 +289,7 @@ def restrict_to_common(one: Array, other: Array) -> tuple[Array, Array]:
 
 def spread(name: str, samples: Array) -> dict[str, float]:
     """Return the columns of a measured time (`time_of`) and the two ends of its spread; their names begin with `name`."""
-    times = quartiles(samples)  # [s] one for each process
+    times = quartiles(samples)  # [s], one for each process
     times = times[np.isfinite(times)]
     rounds = samples[np.isfinite(samples)]
     low, high = spread_ends(times if len(times) > 1 else rounds, several=len(times) > 1)

@@ -24,7 +24,7 @@ from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
-ODD = np.array([0.0, 0.0137, 0.02, 0.0555, 0.1])  # [s] times of which some are no multiples of a millisecond
+ODD = np.array([0.0, 0.0137, 0.02, 0.0555, 0.1])  # [s] times, some of which are not multiples of a millisecond
 START = 1e-9  # allowed error of the first sample: of positions [m, rad], and of velocities relative to the largest one
 # allowed median difference, relative to the largest value, of velocities from difference quotients of positions, and of
 # accelerations from those of velocities
@@ -46,7 +46,7 @@ def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) 
     if not offer.usable:
         return [described]
     build_first(name, offer.settings, told)
-    worker = keep(name)  # it has imported the engine already
+    worker = keep(name)  # its process has imported the engine already
     try:
         subject, checks = Subject(offer, worker, told), [described]
         for check in CHECKS:
@@ -77,7 +77,7 @@ def _check_runs(
 
 def _check_times(subject: Subject) -> Iterator[Check]:
     """Check that samples are at the times asked for."""
-    # a run without these samples has no trajectory
+    # a run has a trajectory only if its samples are at these times
     yield from _check_runs(subject, "samples are at the times asked for", lambda mechanism, trajectory: "", ODD)
 
 
@@ -85,7 +85,7 @@ def _check_start(subject: Subject) -> Iterator[Check]:
     """Check that the first sample is the start of the scenario."""
 
     def find_wrong_start(m: Mechanism, x: Trajectory) -> str:
-        """Return a sentence if the first sample is too far off; errors of velocities are divided by the largest one, or by 1."""
+        """Return a sentence if the first sample is too far off; velocity errors are relative to the largest velocity or 1."""
         gap = max(np.abs(x.q[0] - m.q0).max(), np.abs(x.v[0] - m.v0).max() / max(1.0, np.abs(m.v0).max()))
         if gap <= START:
             return ""
@@ -103,7 +103,7 @@ def _check_derivatives(subject: Subject) -> Iterator[Check]:
             yield check_failed_run(title, run)
             continue
         fault, is_shifted = rates_fault(run.trajectory)
-        if is_shifted:  # a method of first order may have such rates, which become better with shorter steps
+        if is_shifted:  # rates of a method of first order may be shifted, by less time with shorter steps
             shorter_steps = [replace(subject.usual, step=STEP / k) for k in PARTS]
             finer = [subject.perform(mechanism_of(linkage, scenario), choice, EVERY_STEP).trajectory for choice in shorter_steps]
             if explains_lateness(run.trajectory, *finer):
@@ -113,10 +113,10 @@ def _check_derivatives(subject: Subject) -> Iterator[Check]:
 
 
 def rates_fault(x: Trajectory) -> tuple[str, bool]:
-    """Return the fault of a run's velocities or accelerations, or an empty text, and whether it is a shift in time.
+    """Return the fault of a run's velocities or accelerations, or an empty text, and whether the fault is a shift in time.
 
-    Both are compared with central differences of positions and of velocities. They are shifted if they belong to a slightly later
-    or earlier time than that of their sample.
+    Velocities and accelerations are compared with central differences of positions and velocities. They are shifted if they belong
+    to a slightly later or earlier time than their sample.
     """
     for low, high, words in ((x.q, x.v, "velocities"), (x.v, x.a, "accelerations")):
         slope = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None]  # central differences (k - 2, n)
@@ -146,7 +146,7 @@ def explains_lateness(x: Trajectory, half: Trajectory | None, quarter: Trajector
 
 
 def lateness(slope: Array, reported: Array) -> float:
-    """Return by how many samples reported rates (k, n) are later than the difference quotients `slope` (k, n).
+    """Return the delay of reported rates (k, n) relative to the difference quotients `slope` (k, n), in samples.
 
     A rate that is d samples late equals slope - d * change, where `change` is the difference of the slope from one sample to the
     next; d follows by least squares.

@@ -18,7 +18,7 @@ class Differences:
     Attributes:
         compared: number of figures (measured numbers, and statuses of cases) that both runs have.
         beyond: figures that differ by more than the accuracy gate allows, and cases with different statuses.
-        only_here, only_there: number of cases that one run has and the other lacks, and the other way round.
+        only_here, only_there: number of cases that only one of the runs has.
     """
 
     compared: int
@@ -90,9 +90,9 @@ def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
     Raises:
         TableError: a table is damaged, or has a newer format than this version can read.
     """
-    found: list[Clocked | None] = []  # None for each that agrees
+    found: list[Clocked | None] = []  # None for each pair that agrees
     for name, table in TABLES.items():
-        # "met": whether a target is met; "verdict": of a claim; "ratio": of two times
+        # "met": whether a target is met; "verdict": verdict on a claim; "ratio": ratio of two times
         columns = [c.name for c in table.columns if c.timed and c.name.endswith(("met", "verdict", "ratio"))]
         if not table.keys or not columns:
             continue
@@ -122,7 +122,7 @@ def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, A
     if all(math.isfinite(x) and x > 0 for values in spreads for x in values):
         (x, low, high), (y, other_low, other_high) = spreads
         here, there = (f"{value:.3g} ({least:.3g}..{most:.3g})" for value, least, most in spreads)
-        is_crossed = (x > 1) != (y > 1)  # the faster one of the two is the slower one in the other run
+        is_crossed = (x > 1) != (y > 1)  # the runs differ in which of the two is faster
         overlap = low <= other_high and other_low <= high
         yield None if overlap else Clocked(what, here, there, matters=is_crossed, factor=x / y)
 

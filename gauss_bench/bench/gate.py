@@ -1,8 +1,8 @@
 """The accuracy gate: compare the figures (measured numbers and statuses) of the gate suite with a committed baseline.
 
-Times are not compared. A figure fails if it is worse than its limit, which follows from its value in the baseline, and is reported
-as better if it is better by the same factor. A figure that is much better fails too, because a faulty metric may be the cause; a
-real improvement is accepted like any other change. A new baseline needs a reason, which is stored with the date.
+Times are not compared. A figure fails if it is worse than its value in the baseline by more than the factor of its metric, and is
+reported as better if it is better by more than this factor. A figure that is much better fails too, because a faulty metric may be
+the cause; a real improvement is accepted like any other change. A new baseline needs a reason, which is stored with the date.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -30,32 +30,32 @@ class Rule:
     """The limits of one metric, an error column of the result rows.
 
     A figure fails if it is larger than `factor` times its value in the baseline and larger than `floor`. It is reported as better
-    if it is smaller than the value in the baseline divided by `factor`.
+    if it is smaller than the baseline / `factor` and the baseline is larger than `floor`.
     """
 
     factor: float
     floor: float
 
 
-# Figures differ by a factor below 2 between machines. Figures of the size of rounding differ by much more, and have floors.
+# Figures differ by a factor below 2 between machines, but much more if they are as small as rounding errors: hence the floors.
 RULES = {
-    "acceleration_error_median": Rule(2.0, 1e-12),  # rounding at a condition of 1e4
-    "measured_error_t1": Rule(2.0, 1e-10),  # rounding that has grown over a second of fast turning
+    "acceleration_error_median": Rule(2.0, 1e-12),  # rounding at a condition number of 1e4
+    "measured_error_t1": Rule(2.0, 1e-10),  # rounding errors that have grown over a second of fast rotation
     "position_error": Rule(2.0, 1e-10),
     "length_error": Rule(2.0, 1e-10),
     "angle_error": Rule(2.0, 1e-10),
-    "velocity_error": Rule(2.0, 1e-8),  # speeds in rad/s are some 50 times angles
+    "velocity_error": Rule(2.0, 1e-8),  # velocities in rad/s are about 50 times the angles
     "position_drift": Rule(2.0, 1e-12),
     "velocity_drift": Rule(2.0, 1e-10),
-    "energy_error": Rule(2.0, 1e-8),  # [J] quadrature of the work through samples a millisecond apart
+    "energy_error": Rule(2.0, 1e-8),  # [J] error of the integral of power over samples 1 ms apart
 }
 SCATTERING = {"idas": 10.0, "idas_ggl": 10.0}  # a start moved by 1e-15 changes figures of IDAS by this factor
 FLATTERING = 10.0  # a figure better than the baseline by this factor fails, if the baseline is above its floor by this factor
-ORDER_FLATTERING = 1.0  # an order that is higher by more fails: integrators do not gain an order
-ORDER_MARGIN = 0.2  # observed orders scatter by 0.1 between neighbouring steps
-TRUTH_MARGIN = 1e-9  # references have an error bar of 1e-11; a larger change is a fault
+ORDER_FLATTERING = 1.0  # an observed order fails if it is higher than the baseline by more than this
+ORDER_MARGIN = 0.2  # allowed decrease of an observed order, which scatters by 0.1 between neighbouring steps
+TRUTH_MARGIN = 1e-9  # allowed change of a reference, relative to 1 + |value|; its error bar is 1e-11
 TRUTHS = ("measured_t05", "measured_t1")  # gated columns of the references
-LOST = 1.0  # [m, rad] the figures of a run with such an error differ between machines
+LOST = 1.0  # [m, rad] figures of runs with a larger position error differ between machines
 ENDED = ("ok", "invalid")  # statuses of runs that have figures
 BROKEN = ("crashed", "timeout", "error", "incomplete", "warning")  # statuses of a failed process or an unfinished run
 
@@ -88,7 +88,7 @@ class Verdict:
 def figures_of(rows: Iterable[Row], references: Iterable[Row]) -> list[Row]:
     """Return the figures that the gate compares: one row for each case and metric, from the rows of results and of references.
 
-    If a run has large errors, only its status, its validity and its acceleration error are taken, because its other figures differ
+    Of a run with large errors, only the status, the validity and the acceleration error are taken, because its other figures differ
     between machines.
     """
     figures: list[Row] = []
@@ -117,8 +117,7 @@ def key_of(figure: Row) -> Key:
 def compare(figures: Iterable[Row], baseline: Iterable[Row]) -> list[Verdict]:
     """Return a verdict for every figure of a run and of the baseline; a figure that is missing in one of the two fails.
 
-    If the status of a case differs, those of its figures that are missing get no verdict, because the verdict on the status says
-    why they are missing.
+    If the status of a case differs, its missing figures get no verdict, because the verdict on the status explains them.
     """
     here, there = {key_of(row): row for row in figures}, {key_of(row): row for row in baseline}
     verdicts = []
@@ -142,8 +141,8 @@ def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
     of references; and errors, whose limits follow from RULES.
 
     Args:
-        key: the values of the columns that FIGURE lists: those of the case, and the metric.
-        value, base: the figure of the run and that of the baseline, as texts; None for a missing one.
+        key: values of the columns FIGURE, the last of which is the metric.
+        value, base: figures of the run and of the baseline, as texts; None if missing.
     """
     metric, missing = str(key[-1]), "none"
     case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
@@ -189,9 +188,8 @@ def read_baseline(path: Path) -> list[Row]:
 def accept(figures: Iterable[Row], path: Path, reason: str) -> tuple[int, list[str]]:
     """Write a new baseline, in which every figure that changed beyond its limits has today's date and the reason.
 
-    The new baseline keeps the old figures of mechanisms and engines that were not measured, and of cases that are refused: those
-    whose process crashed, was stopped or did not end its run and, if there is an old baseline, those that failed in another way
-    than there.
+    The new baseline keeps the old figures of pairs of mechanism and engine that were not measured, and of cases that are refused:
+    those with a status in BROKEN and, if there is an old baseline, those that failed with another status than there.
 
     Returns:
         The number of figures that changed, and a sentence for every case whose new figures were not accepted.
@@ -220,10 +218,10 @@ def accept(figures: Iterable[Row], path: Path, reason: str) -> tuple[int, list[s
 
 
 def known_cases(cases: Sequence[Case], baseline: Iterable[Row]) -> list[Case]:
-    """Return those cases whose figures a baseline has.
+    """Return the cases that have figures in a baseline.
 
-    An engine that cannot be used here has one case without integrator, which no baseline has. It is kept if the baseline has any
-    case of the same linkage and engine: the gate must then fail, because the run lacks figures that the baseline has.
+    An engine that cannot be used here has one case without integrator, which no baseline has. This case is kept if the baseline has
+    any case of the same linkage and engine: the gate must then fail, because the run lacks figures that the baseline has.
     """
     known = {case_of(row) for row in baseline}
     pairs = {(key[0], key[2]) for key in known}  # linkage and engine

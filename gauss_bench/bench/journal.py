@@ -1,4 +1,4 @@
-"""The journal: a file of the finished tasks of a run, by which a killed run is resumed.
+"""The journal: a file of the finished tasks of a run, from which a killed run is resumed.
 
 Each finished task is one line, synced to disk, which ends with the checksum of its content. A line is used only if it matches its
 checksum, and if code, linkage and libraries have not changed since. An incomplete last line is cut off before the next one is
@@ -30,7 +30,7 @@ def fingerprint() -> str:
     return hashlib.sha256(f"{versions} {sources}".encode()).hexdigest()[:16]
 
 
-SUM, DIGITS = b', "sum": "', 16  # text before the checksum of a line, and number of the checksum's digits
+SUM, DIGITS = b', "sum": "', 16  # text before the checksum of a line, and length of the checksum
 
 
 def line_of(entry: dict[str, Any]) -> bytes:
@@ -39,7 +39,7 @@ def line_of(entry: dict[str, Any]) -> bytes:
 
 
 def entry_of(line: bytes) -> dict[str, Any] | None:
-    """Return the data of the task that a line of the journal holds, or None if the checksum does not agree."""
+    """Return the data of the task in a line of the journal, or None if the checksum does not agree."""
     content = line.rpartition(SUM)[0] + b"}"  # the JSON text without its last key, the checksum
     if line != _add_checksum(content):
         return None
@@ -58,7 +58,7 @@ class Journal:
 
     Raises:
         Busy: another run writes to the file.
-        OSError: the folder cannot be written, or the disk is full; the lines that the file has already stay.
+        OSError: the folder cannot be written, or the disk is full; the lines already in the file stay.
     """
 
     def __init__(self, path: Path):

@@ -29,7 +29,7 @@ from gauss_bench.tables import KEY
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Samples, Status, Trajectory
 
-SERIES = 100  # points of a curve in the report, or fewer than twice as many
+SERIES = 100  # least number of points to which a curve of the report is thinned out
 NO_REFERENCE = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # raised for a linkage without a reference
 
 
@@ -68,15 +68,15 @@ def reference_or_reason(linkage: str, scenario: str, t_end: float, store: str) -
 
 
 def measure(case: Case, store: str, alter: Alteration = leave_unaltered, limit: float = CASE_LIMIT, posed: bool = False) -> Tables:
-    """Run a case and judge the run; return its row of results, the rows of the report's curves, and those of the poses it plays.
+    """Run a case and judge the run; return its row of results, and the rows of curves and poses for the report.
 
-    The run is repeated with finer steps to estimate its errors, unless a reference is exact enough to decide whether it is valid
-    and its velocities and accelerations are derivatives of its positions. The engine is also asked for its accelerations at states
-    whose accelerations are known, if there are such states.
+    The run is repeated with finer steps to estimate its errors, unless a reference is exact enough to judge it and the velocities
+    and accelerations of the run are derivatives of its positions. The engine is also asked for its accelerations at states whose
+    accelerations are known, if there are such states.
 
     Args:
         store: folder of references.
-        alter: plants a fault in the mechanism that the engine is given; the run is judged by the unaltered one.
+        alter: plants a fault in the mechanism that the engine is given; the unaltered mechanism is used to judge the run.
         limit: time [s] after which an engine in a process of its own is stopped.
         posed: whether poses are computed; they need a reference, and a run that reached its end.
     """
@@ -126,12 +126,12 @@ def measure(case: Case, store: str, alter: Alteration = leave_unaltered, limit: 
 def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism, limit: float) -> tuple[Run | None, str]:
     """Return a finer repetition of a run and an empty text, or None and the reason why there is no repetition.
 
-    Both together may take `limit` [s]; the repetition may take half of the time that remains after the run.
+    The run and its repetition may take `limit` [s]; the repetition is planned to take half of the time that is left after the run.
     """
     assert run.trajectory is not None
     times, spent = run.trajectory.t, run.seconds + run.build_time
     longest = min(LONGEST, (limit - spent) / 2)
-    if len(times) < 2 or not longest > run.seconds * 2 / len(times):  # even the first sample would take longer at half the step
+    if len(times) < 2 or not longest > run.seconds * 2 / len(times):  # even one sample would take longer at half the step
         return None, "it was not repeated: no time is left"
     again = run_of(repeat_finer(request, offered, run.seconds, times, longest), mechanism, limit - spent)
     return at_samples(again, times), ""
@@ -175,9 +175,9 @@ def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) ->
 
 
 def at_checkpoints(name: str, t: Array, values: Array) -> dict[str, float]:
-    """Return the columns of a quantity at the times [s] at which tables quote it: NAME_t05 for 0.5 s.
+    """Return the columns of a quantity at the checkpoints [s] that tables list: NAME_t05 for 0.5 s.
 
-    The quantity has `values` (k,) at the times `t` (k,) [s]; it is NaN at a checkpoint that is not among them.
+    The quantity has `values` (k,) at the times `t` (k,) [s]; it is NaN at a checkpoint that is not one of these times.
     """
     columns = {}
     for checkpoint in metrics.CHECKPOINTS:

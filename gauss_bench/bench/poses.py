@@ -1,4 +1,4 @@
-"""Poses of links for a report's animation: the deviation of a run from the reference, split into closed motion and gaps of loops.
+"""Poses of links for a report's animation: the deviation of a run from the reference, split into a closed motion and gaps of loops.
 
 A run's pose at a time is the sum
 
@@ -28,12 +28,12 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
 STEP = 1e-3  # [s] the case whose step is nearest is played
-FRAMES = 50  # number of poses that are kept of a run, or a few more
+FRAMES = 50  # least number of poses to which a run is thinned out
 AXES = ("x", "y", "angle")
 
 
 def choose_played(cases: Sequence[Case]) -> frozenset[Case]:
-    """Return the cases whose motion the report's player shows: for each engine and setting the step nearest to STEP.
+    """Return the cases whose motion the report's player shows: for each linkage, engine and setting the step nearest to STEP.
 
     Engines with a planted fault (CONTROLS) are left out.
     """
@@ -57,7 +57,7 @@ def wrap(q: Array) -> Array:
 
 
 def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
-    """Return a row (link, time, pose) for each link at each of the times `frames` of the reference; angles are in [-pi, pi)."""
+    """Return a row (link, time, pose) for each link at each of the times `frames`; angles are in [-pi, pi)."""
     times = frames(truth)
     reference_rows, _ = common_times(truth.t, times)
     rows: Rows = []
@@ -69,7 +69,7 @@ def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
 def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Rows:
     """Return one row for the deviation of each link's pose from the reference, at each frame that the run reached.
 
-    With p the pose nearest to the run's pose q whose loops are closed, the columns "_ahead" have p - reference, and "_gap" q - p.
+    If p is the closed pose nearest to the run's pose q, the columns "_ahead" have p - reference, and the columns "_gap" q - p.
     """
     times = frames(truth)
     own, reached = common_times(trajectory.t, times)  # indices of the run's samples at frames, and mask of these frames

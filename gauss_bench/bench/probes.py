@@ -4,7 +4,7 @@ A probe is such a linkage at some states of motion. Every number of `suites/link
 an engine that leaves out, scales or hard-codes one of them has wrong accelerations where that number is changed.
 
 Let the columns of N (n, dof) be a basis of the velocities that the constraints allow: J N = 0. Constraint forces do no work in
-these motions, so that the accelerations a obey, even if the forces are too weak to keep a loop closed,
+these motions. The accelerations a therefore obey, even if the constraint forces are too weak to keep a loop closed,
 
     N^T (M a - Q) = 0
 
@@ -27,11 +27,12 @@ from gauss_bench.terms import Array
 
 PROBE = str(FOLDER / "linkages" / "probe.toml")
 STATES, SEED = 8, 20261123  # number of states of a probe, and the seed of their random numbers
-REACH, SLOW, FAST = 0.4, 2.0, 6.0  # [m, rad] step between states; [m/s, rad/s] least and largest velocities along free directions
-FLOOR = 0.05  # share of the largest size among the states: near equilibrium, errors are relative to this share
-RESTING = 1e-9  # a constraint force below this share of the largest one is rounding: its row holds nothing
+# [m, rad] standard deviation of the steps between states; [m/s, rad/s] least and largest velocities along free directions
+REACH, SLOW, FAST = 0.4, 2.0, 6.0
+FLOOR = 0.05  # errors near equilibrium are relative to this fraction of the largest value among the states
+RESTING = 1e-9  # rows whose constraint force is below this fraction of the largest one, and thus a rounding error, are left out
 AS_IT_IS, EVERYTHING = "as it is", "every number changed"
-FACTORS = {  # kind -> its plural, and what its numbers are multiplied by
+FACTORS = {  # kind of a number -> plural, and factor by which numbers of this kind are changed
     "mass": ("masses", 1.3),
     "inertia": ("inertias", 1.4),
     "length": ("lengths", 1.04),
@@ -80,21 +81,21 @@ class Probe:
         return _share(np.array(residuals), np.array(loads))
 
     def share_of_gamma(self, a: Array) -> float:
-        """Estimate, for each row of J a, which share of its velocity term an engine used; return the smallest share.
+        """Estimate the share of the velocity term that an engine used in each row of J a; return the smallest share.
 
         Exact accelerations (k, n) obey J a = gamma, where gamma = -dJ/dt v (plus drivers' terms) depends on velocities. An engine
-        that leaves out the velocity term g of its constraints has J a = gamma - g. In absolute coordinates its J a is 0, so that g
-        is gamma. In the joint coordinates of a spanning tree its J a is J a0, where a0 are the accelerations of the links if all
-        joint accelerations of the tree are 0; g is gamma - J a0. To find the share c of g that an engine used, each row of J a, as
-        a function of the k states, is fitted by least squares:
+        that leaves out the velocity term g of its constraints has J a = gamma - g. In absolute coordinates such an engine has
+        J a = 0, and g is gamma. In the joint coordinates of a spanning tree it has J a = J a0, where a0 are the accelerations of
+        the links if all joint accelerations of the tree are 0; g is gamma - J a0. To find the share c of g that an engine used,
+        each row of J a, as a function of the k states, is fitted by least squares:
 
             J a = gamma + (c - 1) g + r f
 
         Here f is the constraint force that the accelerations need, and r is a compliance: if the row's constraint is a spring, J a
         differs from gamma in proportion to f, and c is 1. For each row, the candidate for g with the smallest residual is taken.
 
-        Rows without a velocity term or without a force are left out. The share is 1 if no row remains, or if rows are redundant,
-        whose forces are not determined.
+        Rows without a velocity term or without a force are left out. The share is 1 if no row remains, or with redundant rows,
+        because their forces are not determined.
         """
         if self.mechanism.redundant:
             return 1.0
@@ -122,7 +123,6 @@ def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
         velocities: three candidates of the velocity term g, (k, 3, m); the first is gamma.
     """
     largest = np.abs(velocities[:, 0]).max(initial=0.0)
-    # where the force of a row is rounding, no constraint acts there
     has_force = np.abs(forces).max(axis=0) > RESTING * np.abs(forces).max(initial=0.0)  # (m,)
     shares = []
     for row in np.flatnonzero(has_force):
@@ -132,7 +132,7 @@ def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
                 columns = np.column_stack([g, forces[:, row]])
                 solution = np.linalg.lstsq(columns, extra[:, row], rcond=None)[0]  # c - 1 and r
                 residual = float(np.abs(extra[:, row] - columns @ solution).max())
-                # rounded: of residuals that are equal but for rounding, the least c counts
+                # rounded, so that of residuals that are equal up to rounding the one with the least c is taken
                 fits.append((round(residual, 12), float(solution[0])))
         if fits:
             _, c_minus_1 = min(fits)
@@ -143,8 +143,8 @@ def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
 def _share(errors: Array, sizes: Array) -> float:
     """Return max(errors / sizes) over k states, where sizes below FLOOR * max(sizes) are replaced by this bound.
 
-    The result is infinite if an error is NaN. If all sizes are 0, it is the largest error itself: a limit for the share is then met
-    by rounding and not by a wrong term.
+    The result is infinite if an error is NaN. If all sizes are 0, the result is the largest error itself: rounding errors then meet
+    a limit for the share, and wrong terms do not.
     """
     floored = np.maximum(sizes, FLOOR * sizes.max(initial=0.0)) if sizes.any() else np.ones_like(sizes)
     return float((errors / floored).max(initial=0.0)) if np.isfinite(errors).all() else float("inf")
@@ -152,9 +152,9 @@ def _share(errors: Array, sizes: Array) -> float:
 
 @lru_cache(maxsize=256)
 def probe(linkage: str, scenario: str, change: str = AS_IT_IS, forces: tuple[str, ...] | None = None) -> Probe:
-    """Return a linkage with one of the modifications that `changes` lists, at random states, with the exact accelerations there.
+    """Return a linkage with one of the `changes`, at random states, and the exact accelerations there.
 
-    `forces` are the names of the forces that act; if not given, all forces of the scenario act.
+    `forces` names the forces that act; by default all forces of the scenario.
     """
     document, digest, path = document_of(linkage)
     changed = scale(document, changes(linkage, scenario)[change])
@@ -189,8 +189,8 @@ def moving_states(mechanism: Mechanism, motion: AbsoluteCoordinates) -> tuple[Ar
 def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
     """Return the changes of a linkage by name, each as a map: path of a number -> factor by which it is multiplied.
 
-    The first change is none, the second one changes all numbers. Then follow a change of all numbers of one kind, such as masses,
-    for each kind, and a change of one number for each number.
+    The first one changes nothing, the second one all numbers. Then follow one change for each kind, of all numbers of this kind
+    (such as masses), and one change for each single number.
     """
     document, _, _ = document_of(linkage)
     factors = [(path, *FACTORS[_kind(path)]) for path in numbers(document, scenario)]  # (path, plural of its kind, factor)
@@ -215,7 +215,7 @@ def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:
 
 
 def _numbers(item: Any, path: Path) -> Iterator[Path]:
-    """Yield the paths of all numbers other than 0 in the part of a document that lies at `path`; flags are no numbers."""
+    """Yield the paths of all numbers other than 0 in the part of a document at `path`; booleans do not count."""
     if isinstance(item, (dict, list)):
         for key, value in item.items() if isinstance(item, dict) else enumerate(item):
             yield from _numbers(value, (*path, key))

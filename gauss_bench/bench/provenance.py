@@ -1,4 +1,4 @@
-"""Provenance of a run: time, commit, machine and versions."""
+"""Provenance of a run: date, commit, machine and versions."""
 
 import os
 import platform
@@ -38,8 +38,8 @@ def package_versions() -> dict[str, str]:
 def check_publishable(folder: Path) -> None:
     """Check that a run may be published.
 
-    The commit must be known, the code must have had no uncommitted changes, and the processor on which the times were measured must
-    be recorded.
+    The commit must be known, without uncommitted changes; kernels must have been compiled without shortcuts; and if the run has
+    times, their processor must be recorded.
 
     Raises:
         TableError: the run may not be published.

@@ -2,7 +2,7 @@
 
 A measurement is a module in the folder `measurements`. Each module may have these functions:
 
-    exact_tasks(suite, context)                     return tasks that measure no time; they run side by side
+    exact_tasks(suite, context)                     return tasks that measure no time; they run in parallel
     timing_tasks(suite, context, tables)            return tasks that measure times; they run one after the other, after all exact
                                                     tasks
     second_timing_tasks(suite, context, tables)     return further timing tasks, which depend on the rows of the first ones
@@ -64,8 +64,8 @@ def run(
 ) -> Tables:
     """Run the tasks of a suite that are not finished yet, write its tables into `folder`, and return table -> rows.
 
-    `jobs` tasks that measure no times run side by side; timing tasks run alone, if `costs`. The report shows the suite's `name`.
-    `until` and `steps` [s] replace those of the suite's accuracy cases, each of which may take `limit` [s].
+    `jobs` tasks that measure no times run in parallel; timing tasks run only if `costs`, one by one. The report shows the suite's
+    `name`. `until` and `steps` [s] replace those of the suite's accuracy cases, each of which may take `limit` [s].
 
     Raises:
         Busy: another run writes into the same folder.
@@ -97,8 +97,8 @@ def measure_all(
 ) -> tuple[Rows, Rows]:
     """Run accuracy cases, without times and without a journal; return the rows of results and of the references used.
 
-    References are kept in `folder`, where nothing else is written. `alter` plants a fault in the mechanism that engines are given,
-    and one case may take `limit` [s].
+    Only references are written into `folder`. `alter` plants a fault in the mechanism that engines are given. Each case may take
+    `limit` [s].
     """
     context = Context(str(folder / ".run" / "references"), "", alter, limit=limit)
     tables = finish(accuracy.tasks(cases, context), jobs, "accuracy")

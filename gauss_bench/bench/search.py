@@ -8,8 +8,8 @@ a coarse sequence of sizes (rungs of a ladder) until each requirement is met or 
 the interval between the coarsest size that meets a requirement and the next coarser size tried.
 
 Then settings that meet the requirement race: in a first process those whose estimated cost is at most NEAR times the least, and in
-further processes those whose time in the first one is at most CLOSE times the shortest. If several settings tie with the fastest
-(`ties_with`), the first one in the engine's file wins. A repeated search names the same winner or another setting that tied.
+further processes those whose time in the first process is at most CLOSE times the shortest. If several settings tie with the
+fastest (`ties_with`), the first one in the engine's file wins. A repeated search names the same winner, or another that tied.
 """
 
 import math
@@ -24,19 +24,19 @@ from gauss_bench.reach import Requirement, Trial, convergence
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-# statuses that a finer size may cure
+# statuses that a finer size may prevent
 MENDABLE = (Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED, Status.WARNING, Status.ERROR, Status.RANK_LOST)
 COARSEST = 10  # fewest steps of a run
 # sizes for each factor of two: neighbours differ by a fifth, or by a half at most if steps must end at the sample times
 PER_OCTAVE = 4
-FIFTHS = 50  # the number of steps of a run with fewer steps is a multiple of five
+FIFTHS = 50  # with fewer steps, their number is a multiple of five
 SETTLED = 300  # with fewer steps, errors of fast links are as large as the motion and show no convergence
-STALLED = 3  # no finer sizes are tried if no unmet error fell at so many successive sizes
-FALLS = 0.7  # an error has fallen if it is below this share of the least one before; order one at half the step gives 0.5
+STALLED = 3  # no finer sizes are tried if no error above its limit fell at this many successive sizes
+FALLS = 0.7  # an error has fallen if it is below this fraction of the least error before; order one at half the step gives 0.5
 HOPE = 2.0  # no finer sizes are tried if extrapolated errors need more than HOPE times the allowed steps
 NEAR = 2.0  # times the least estimated cost; estimates are right to a few per cent unless Newton's iterations grow with the step
-CLOSE = 1.25  # times the fastest of the first process: ratios differ between processes by a tenth and more
-LUCK = 0.05  # a setting that ran in one process ties if it takes no longer than the fastest in this share of the resamplings
+CLOSE = 1.25  # times the shortest time in the first process: ratios differ between processes by a tenth and more
+LUCK = 0.05  # a setting that ran in one process ties if it takes no longer than the fastest in this fraction of the resamplings
 FINALISTS = 8  # most settings of an engine that race for a requirement
 
 K = TypeVar("K", bound=Hashable)
@@ -53,8 +53,8 @@ class Scale:
 def equal_steps(until: float, beats: int, most: int) -> Scale:
     """Return steps [s] that divide a run into COARSEST to `most` equal parts, with PER_OCTAVE sizes for each factor of two.
 
-    The errors of a run are taken at sample times, which must be ends of steps. There are `beats` sample times, a multiple of ten. A
-    run with few steps is compared at fewer of them: its number of steps is rounded to a multiple of
+    The errors of a run are taken at sample times, which must be ends of steps. There are `beats` sample times, a multiple of ten,
+    or fewer for a run with few steps. The number of steps is rounded to a multiple of
 
         5:        for fewer than FIFTHS steps; errors are taken at five sample times
         10:       for fewer than 5 `beats` steps; errors are taken at ten sample times
@@ -64,7 +64,7 @@ def equal_steps(until: float, beats: int, most: int) -> Scale:
     """
 
     def round_steps(x: float) -> int:
-        """Return the number of steps nearest to x that is a multiple of the number of sample times."""
+        """Return the multiple of the number of sample times that is nearest to x steps."""
         times = 5 if x < FIFTHS else 10 if x < 5 * beats else beats
         return times * round(x / times)
 
@@ -77,7 +77,7 @@ def equal_steps(until: float, beats: int, most: int) -> Scale:
 
 def no_coarser(scale: Scale, size: float) -> Scale:
     """Return the part of a scale with the sizes that are at most `size`, or the finest size alone if all are larger."""
-    first = next((k for k, x in enumerate(scale.sizes) if x <= size), len(scale.sizes) - 1)  # index of the coarsest that is left
+    first = next((k for k, x in enumerate(scale.sizes) if x <= size), len(scale.sizes) - 1)  # index of the coarsest of these
     return Scale(scale.sizes[first:], tuple(sorted({0, *(k - first for k in scale.rungs if k > first)})))
 
 
@@ -141,7 +141,7 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
     unmet = [w for w in wanted if w.kind not in undetermined and not any(t.meets(w) for t in trials)]
     if not unmet:
         return "every requirement is met"
-    # convergence can be judged only from several runs with equal steps that are not too few
+    # convergence is judged only from several runs with equal steps, and not too few of them
     if not most or len(trials) <= STALLED or (trials[-STALLED].steps or 0) < SETTLED:
         return ""
     if all(_has_stalled([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
@@ -199,8 +199,8 @@ def pick_winner(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
 def ties_with(samples: Array, fastest: Array) -> bool:
     """Tell whether a setting takes no longer than the fastest in at least a quarter of the processes that timed both.
 
-    If only one process did, it must take no longer in at least a share LUCK of the bootstrap samples of its rounds. Both arguments
-    are times [s] (processes, rounds).
+    If only one process did, the setting must take no longer in at least a fraction LUCK of the bootstrap samples of the rounds.
+    Both arguments are times [s] (processes, rounds).
     """
     several = len(restrict_to_common(samples, fastest)[0]) > 1
     return bool(np.quantile(quotients(samples, fastest), 0.25 if several else LUCK) <= 1.0)

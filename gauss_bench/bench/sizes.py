@@ -17,7 +17,7 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")  # name of a package, with whic
 
 @dataclass(frozen=True)
 class Size:
-    """The size on disk of an engine [MB], NaN if it is unknown; `measured` says what was measured, or why nothing was."""
+    """The size on disk of an engine [MB], NaN if unknown; `measured` names what was measured, or the reason why nothing was."""
 
     megabytes: float
     measured: str
@@ -31,7 +31,7 @@ def size_of(engine: str) -> Size:
             return Size(math.nan, "its interpreter is in no environment of its own that could be measured")
         files = (Path(place, file) for place, _, names in os.walk(folder) for file in names)  # links are not followed
         return Size(size_of_files(files) / MEGABYTE, "its environment")
-    if engine in ELSEWHERE:  # it needs an environment of its own, which is not installed here
+    if engine in ELSEWHERE:  # its environment is not installed here
         return Size(read_offered(engine).installed, "its environment, as stated before installation")
     if engine in AUTHORED:
         return Size(math.nan, "a part of the suite")
@@ -73,7 +73,7 @@ def required_by(names: Iterable[str]) -> Iterator[Distribution]:
         seen.add(plain)
         try:
             package = distribution(name)
-        except PackageNotFoundError:  # it is required on other systems only
+        except PackageNotFoundError:  # required only on other systems
             continue
         yield package
         waiting += [x[0] for line in package.requires or () if "extra ==" not in line and (x := NAME.match(line))]

@@ -69,7 +69,7 @@ class ForceQuestion:
         return COMPONENTS * len(self.mechanism.joints) * len(self.states.t)
 
     def compare(self, answer: object) -> tuple[float, float]:
-        """Return the largest error of the joint forces in an answer, and the largest true joint force [N, N m]; NaN without forces."""
+        """Return the largest error of an answer's joint forces, and the largest true joint force [N, N m]; NaN if it has none."""
         shape = (len(self.states.t), len(self.mechanism.joints), COMPONENTS)
         if not isinstance(answer, np.ndarray) or answer.shape != shape:
             return np.nan, np.nan
