@@ -22,11 +22,11 @@ from gauss_bench.trajectory import Status
 
 LIMIT = 60.0  # [s] limit of one run, in which the slowest engine generates and compiles C
 LONGEST = 100.0  # [s] processor time after which no further run is started
-PATIENCE = 6.0  # factor of both limits for engines in environments of their own: one of them compiles each linkage for a minute
+PATIENCE = 6.0  # factor of both limits for engines in environments of their own, one of which compiles each linkage for a minute
 STEP, DURATION = 1e-3, 0.1  # [s] of the runs
 EVERY_STEP = STEP * np.arange(round(DURATION / STEP) + 1)  # [s] sample times
-ONE_STEP = np.array([0.0, STEP])  # [s] sample times of a short run, which shows whether the engine takes a linkage
-PLAIN = (("four_bar", "torque"), ("crank_slider", "paper"))  # linkages and scenarios that nearly all engines take
+ONE_STEP = np.array([0.0, STEP])  # [s] sample times of a short run, which shows whether the engine accepts a linkage
+PLAIN = (("four_bar", "torque"), ("crank_slider", "paper"))  # linkages and scenarios that nearly all engines accept
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def check_failed_run(name: str, run: Run) -> Check:
 def time_of(pid: int) -> float:
     """Return the processor time [s] of a process and of its ended children; 0 if the system does not report it."""
     try:
-        words = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()  # after the name
+        words = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()  # fields after the name
         return sum(map(int, words[11:15])) / os.sysconf("SC_CLK_TCK")  # utime, stime, cutime, cstime in ticks
     except (OSError, ValueError):
         return 0.0
@@ -120,14 +120,14 @@ class Subject:
 
         Args:
             times: sample times [s].
-            ask: function that is called with the model before the run; its result has at most `answers` numbers.
+            ask: function that is called with the model before the run; its result has at most `answers` elements.
             keep: whether the worker may keep the model, for a further run with another step or tolerance.
         """
         wanted = sampling_at(choice.step, times)
         patience = PATIENCE if environment_of(self.offer.name) else 1.0
         if self.processor_time >= patience * LONGEST:
             return Run(Status.SKIP, f"not asked: all {patience * LONGEST:g} s of processor time are used", None, None, wanted)
-        # the digest is the name of the linkage, because linkages with changed numbers have the same name
+        # the digest serves as name, because linkages with changed numbers have the same name
         request = Request(mechanism.sha256, mechanism.scenario, self.offer.name, choice, wanted, ask, answers=answers)
         return run_apart(request, mechanism, patience * LIMIT, self.worker, keep_model=keep)
 

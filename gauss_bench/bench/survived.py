@@ -1,4 +1,4 @@
-"""Races that survive a crash: the engine that crashes gets rows with the reason, all others are timed again.
+"""Races that survive a crash: an engine that crashes gets rows with the reason, and all others are timed again.
 
 The process of a race writes the name of the running engine into a small file. After a crash or a hang the parent reads the name
 there, and starts the race again without that engine.
@@ -26,8 +26,8 @@ def race_here(
 ) -> Rows:
     """Time entries(*arguments) alternately in this process; return a row for each round of an entry, and one for each failed entry.
 
-    A block whose `facts` has further columns gets one more row with them. All engines take part unless `engines` names some. The
-    name of the running engine is written into the file `path`, if given, before its code runs.
+    A block whose `facts` has further columns gets one more row with them. `engines` names the engines that take part, by default
+    all. The name of an engine is written into the file `path`, if given, before its code runs.
     """
     watch = write_engine_to(path) if path else watch_nothing
     race = Race(watch)
@@ -35,7 +35,7 @@ def race_here(
         if engines is None or key.engine in engines:
             race.add(key, make)
     measured, rows = race.run(rounds), []
-    for block in (x for x in race.blocks if x.entry in measured.samples):  # a block whose process ended has none
+    for block in (x for x in race.blocks if x.entry in measured.samples):  # without those whose process ended
         names = block.entry._asdict()  # type: ignore[attr-defined]
         seconds = measured.samples[block.entry][0].tolist()
         rows += [names | {"process": 0, "round": k, "seconds": x} for k, x in enumerate(seconds)]
@@ -100,7 +100,7 @@ def list_survivors(
 def write_engine_to(path: str) -> Watch:
     """Return a function that writes the name of an entry's engine into the file `path`; its argument is the key of the entry.
 
-    The name is filled up to ROOM bytes, so that it replaces the whole of an earlier name; a call takes a microsecond.
+    The name is padded to ROOM bytes, so that it replaces all of an earlier name; a call takes a microsecond.
     """
     file = os.open(path, os.O_WRONLY)
     return lambda entry: os.pwrite(file, str(getattr(entry, "engine", "")).encode()[:ROOM].ljust(ROOM, b"\0"), 0)

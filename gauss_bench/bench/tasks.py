@@ -21,8 +21,8 @@ from gauss_bench.suites.schema import OnLinkages
 from gauss_bench.tables import TABLES
 from gauss_bench.trajectory import Status
 
-CASE_LIMIT = 120.0  # [s] of one case; the slowest of the suites takes 10 s on a slow core
-LIMIT = 600.0  # [s] of one task; the slowest of the suites, a race of all engines on one linkage, takes a minute
+CASE_LIMIT = 120.0  # [s] limit of one case; the slowest of the suites takes 10 s on a slow core
+LIMIT = 600.0  # [s] limit of one task; the slowest of the suites, a race of all engines on one linkage, takes a minute
 LOST = (Status.CRASHED, Status.TIMEOUT)  # statuses of a task without an answer
 RACES = 3  # most attempts of a race, each without the engines that crashed before; more crashes would be a fault of the suite
 PAUSE = 15.0  # [s] between lines of progress
@@ -36,7 +36,7 @@ def place_of(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def group_by(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
-    """Group rows that have the same values in some columns; return these values -> the rows of the group, in their order."""
+    """Group rows that have the same values in some columns; return these values -> rows of the group, in the given order."""
     groups: dict[tuple[Any, ...], Rows] = {}
     for row in rows:
         groups.setdefault(tuple(row[x] for x in columns), []).append(row)
@@ -48,8 +48,8 @@ class Task(NamedTuple):
 
     Attributes:
         key: identifies the task in the journal, the file of finished tasks.
-        stamp: digest of the code and data that the rows depend on.
-        table, start: the name of the table that gets a row if the task fails, and the columns with which this row begins.
+        stamp: digest of the code and data on which the rows depend.
+        table, start: the name of the table that gets a row if the task fails, and the first columns of this row.
         limit: time [s] after which the worker is stopped.
     """
 
@@ -154,7 +154,7 @@ def _run_tasks(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQue
 
 @dataclass(frozen=True)
 class Context:
-    """The settings that all tasks of a run share.
+    """The settings of all tasks of a run.
 
     Attributes:
         store: folder of the references.
@@ -188,7 +188,7 @@ class Context:
             without_linkages = part.model_copy(update={"linkages": {}})  # so that the task's key depends on no other linkage
             for place in part.linkages.items():
                 task = self.task(table, function, (*place, without_linkages), *place)
-                processes = getattr(part, "processes", 0)  # of a race, which is repeated in as many processes one after the other
+                processes = getattr(part, "processes", 0)  # number of processes in which a race is repeated, one after the other
                 tasks.append(with_race_limit(task, processes) if processes else task)
         return tasks
 
@@ -206,11 +206,11 @@ class Context:
 
         Args:
             function, arguments: function(*arguments) returns table -> rows.
-            linkage, scenario: the linkage that the rows are about; "" if they are about none.
-            seen: text that the rows depend on besides the arguments.
-            names: columns that, beside linkage and scenario, identify the row of a failure.
+            linkage, scenario: linkage and scenario of the rows; "" if the rows belong to none.
+            seen: text on which the rows depend besides the arguments.
+            names: columns that, besides linkage and scenario, identify the row of a failure.
         """
-        # store, alteration and limit are arguments of many tasks and do not change their rows: the key leaves them out
+        # the key leaves out store and limit, which do not change rows, and the alteration: altered runs have no journal
         identifying = [repr(x) for x in arguments if not any(x is y for y in (self.store, self.alter, self.limit))]
         digest = hashlib.sha256("\n".join([*identifying, seen]).encode()).hexdigest()[:16]
         start, stamp = dict(names), self.stamp

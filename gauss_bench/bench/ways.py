@@ -23,10 +23,10 @@ from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.one_run import Sampling
 from gauss_bench.trajectory import Reference
 
-# numbers of equal parts of a run (beats), at whose ends errors are taken; a run has the first of these numbers for which the
-# reference has a sample at the end of every part
+# numbers of equal parts (beats) into which a run may be divided; errors are taken at the ends of the parts, and the first number is
+# used for which the reference has samples there
 BEATS = (50, 40, 30, 20, 10)
-ROUGH_ROUNDS = 8  # rounds of the estimate of a step's time, whose error must be small compared with the factor `search.NEAR`
+ROUGH_ROUNDS = 8  # rounds of the estimate of a step's time, whose error must be well below the factor `search.NEAR`
 
 
 class Way(NamedTuple):
@@ -64,10 +64,7 @@ def space(engine: Offer) -> list[Variant]:
 
 
 def options_of(way: Way) -> Mapping[str, Any]:
-    """Return option -> value for an engine's setting; empty if the engine does not know the settings that `way` names.
-
-    `way.settings` is a list of assignments "key=value", the name of a variant, or the label of one of the engine's settings.
-    """
+    """Return option -> value for an engine's setting; empty if the engine does not know the settings that `way` names."""
     engine = offer(way.engine)
     if is_assignment(way.settings):
         return engine.resolve_settings(way.settings)
@@ -83,7 +80,7 @@ def loop_of(way: Way) -> str:
 def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
     """Return a setting as a `Choice` for a run that ends at `until` [s].
 
-    If the integrator is `adaptive`, the size becomes the tolerance, and the step is the whole duration and thus limits nothing.
+    If the integrator is `adaptive`, the size becomes the tolerance, and the step is the whole duration, which is no limit.
     """
     if adaptive:
         return Choice(way.settings, way.integrator, way.stabilization, step=until, tolerance=way.size)
@@ -91,14 +88,14 @@ def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
 
 
 def evaluate_run(run: Run, evaluator: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
-    """Run one setting of an engine, and return its largest errors at those sample times that are ends of steps.
+    """Run a setting of an engine, and return the largest errors at the sample times that are ends of steps.
 
     Args:
         adaptive: whether the integrator chooses its steps; the run then has samples at all sample times.
         beats: number of sample times, at equal distances, at which errors are taken.
     """
     steps = beats if adaptive else round(run.until / way.size)
-    # k equal parts end at ends of steps and at sample times if k divides both numbers
+    # k equal parts of the run end at sample times and at ends of steps if k divides both `beats` and `steps`
     request = request_of(run, way, adaptive, sample(run, steps, math.gcd(steps, beats)))
     return judge_trial(run, evaluator, truth, way, run_of(request, run.mechanism, CASE_LIMIT, keep_model=True))
 
@@ -116,7 +113,7 @@ def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
 def judge_trial(run: Run, evaluator: Evaluator, truth: Reference, way: Way, ended: Ended) -> Trial:
     """Return the trial of an ended run: the reason for its failure, or its largest errors.
 
-    Errors are taken at the sample times that the run and the reference have in common; "end" is the error of position at the last.
+    Errors are taken at the common sample times of run and reference; "end" is the error of position at the last one.
     """
     if ended.trajectory is None:
         return Trial(way.size, {}, ended.sampling.count, ended.status, ended.message)
@@ -148,7 +145,7 @@ def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
 
 
 def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
-    """Return a timing block whose time is that of one step.
+    """Return a timing block that measures the time of one step.
 
     If the integrator chooses its steps, the block is a whole run, which counts as `steps` repetitions, or as one if the engine does
     not count its steps (None).
@@ -161,10 +158,11 @@ def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
 
 
 def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float, models: Models) -> Block:
-    """Return a timing block whose time is that of the whole run.
+    """Return a timing block that measures the time of the whole run.
 
-    If a run with equal steps would take longer than `lead` [s], as estimated by `seconds`, only its first part is timed, and the
-    time of the whole is extrapolated. `steps` is None if the engine does not count the steps that its integrator chooses.
+    If a run with equal steps would take longer than `lead` [s], according to the estimate `seconds`, only its first part is timed,
+    and the time of the whole run is extrapolated. `steps` is None if the engine does not count the steps that its integrator
+    chooses.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -175,10 +173,10 @@ def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float
 
 
 def pace_run(run: Run, way: Way, steps: int | None, lead: float, samples: int, models: Models) -> Block:
-    """Return a timing block as `whole_run` does, but time the first steps of the run now, to estimate the time of the whole.
+    """Return a timing block as `whole_run` does, but estimate the time of the run from its first steps, which are timed now.
 
     Args:
-        samples: number of sample times if the integrator chooses its steps: as in the run in which its errors were measured.
+        samples: number of sample times if the integrator chooses its steps, as in the run whose errors were measured.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.

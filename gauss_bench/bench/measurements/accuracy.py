@@ -1,4 +1,4 @@
-"""Run the accuracy cases and compare their motions with reference motions, which are stored in rows of their own."""
+"""Run the accuracy cases and compare their motions with reference motions. References have rows of their own."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import asdict
@@ -27,9 +27,9 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()) -> list[Task]:
-    """Return the tasks that compute the references, then those that run the cases; only cases in `posed` store poses."""
+    """Return the tasks that compute references, then those that run cases; only cases in `posed` store poses."""
     listed = []
-    motions = {(case.linkage, case.scenario, case.t_end) for case in chosen}  # each has one reference, which cases share
+    motions = {(case.linkage, case.scenario, case.t_end) for case in chosen}  # each has one reference, which several cases may use
     for linkage, scenario, t_end in sorted(motions):
         arguments: tuple[Any, ...] = (linkage, scenario, t_end, context.store)
         listed.append(context.task("references", reference, arguments, linkage, scenario, t_end=t_end))
@@ -65,15 +65,15 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def in_order(row: dict[str, Any]) -> tuple[Any, ...]:
-    """Return the values by which rows are sorted: those of their key columns; of the steps, the larger one comes first."""
+    """Return the values by which rows are sorted: those of their key columns, with larger steps first."""
     return (*(row[k] for k in KEY[:6]), -row["step"], row["t_end"])
 
 
 def with_orders(rows: Rows) -> Rows:
     """Fill in `observed_order` of rows sorted by `in_order`, and return the rows.
 
-    The order of rows that differ only in their step follows from the error of the measured coordinate at the last checkpoint that
-    any of them reached.
+    The order of rows that differ only in the step follows from the error of the measured coordinate at the last checkpoint that any
+    of these rows reached.
     """
     for group in group_by(rows, *(k for k in KEY if k != "step")).values():
         steps, floors = _numbers(group, "step"), np.nan_to_num(_numbers(group, "position_error_bar"))
@@ -86,5 +86,5 @@ def with_orders(rows: Rows) -> Rows:
 
 
 def _numbers(rows: Rows, column: str) -> Array:
-    """Return a column of k rows as numbers (k,); NaN for a row that has no number in this column."""
+    """Return a column of k rows as numbers (k,); NaN for a missing number."""
     return np.array([np.nan if row.get(column) is None else row[column] for row in rows], dtype=float)

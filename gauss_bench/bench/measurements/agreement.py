@@ -3,7 +3,7 @@
 The states are random, or close to positions at which a choice of independent coordinates fails: dead centres, where a link or slide
 reverses, and the change points of a parallelogram, where all bars lie in one line and the constraint rows lose rank. Near a change
 point every formulation loses digits, because the condition number grows like the inverse of the distance; the difference between
-two formulations in numpy shows how many digits rounding leaves.
+two formulations in numpy shows how many digits remain.
 """
 
 from collections.abc import Iterator
@@ -72,23 +72,23 @@ def _singular(mechanism: Mechanism) -> tuple[str, list[float]]:
         return "change points", list(FOLDED[mechanism.name])
     try:
         positions = singular_positions(mechanism)
-    except ChangePoint:  # the search ends there, and dead centres stay unknown; only change points of FOLDED are compared
+    except ChangePoint:  # it ends the search, so that no dead centre is known; only change points of FOLDED are compared
         return CENTRES, []
-    # angles that differ by rounding count once
+    # angles that differ only by rounding count once
     return CENTRES, sorted({round(s.crank, 12): s.crank for s in positions if s.kind == "dead centre"}.values())
 
 
 def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> Row:
     """Return the columns `error`, `numpy_error` and `against`, which compare a kernel with formulations in numpy at states (k, n).
 
-    `against` is the formulation in numpy whose accelerations are taken as true. `error` is the largest relative error of the
-    kernel, both if it is called for one state after the other and if it is called for all states together. `numpy_error` is the
-    largest relative error of a second formulation in numpy.
+    `against` is the formulation in numpy whose accelerations are taken as true. `error` is the largest relative error of the kernel
+    in calls for single states and in one call for all states. `numpy_error` is the largest relative error of a second formulation
+    in numpy.
 
     Raises:
         Missing, RunFailure: the kernel or a formulation has no accelerations.
     """
-    # only these two formulations accept redundant rows
+    # of the formulations in numpy, only udwadia_kalaba and gauss accept redundant rows
     second = "udwadia_kalaba" if mechanism.redundant else "lagrange" if formulation == "gauss" else "gauss"
     against = "gauss" if mechanism.redundant else formulation
     try:

@@ -1,9 +1,9 @@
 """Time thousands of trajectories on one core: this package's kernel against another library's loop on one thread.
 
 The kernel computes several trajectories at once, each in one lane (element) of the processor's vectors. The trajectories start at
-random states on the constraints, with crank speeds up to 30 rad/s in either direction. The other library takes fewer
-steps from the same states, which does not change its computing time per step. Some trajectories are computed again, one at a time,
-to check that lanes do not affect each other.
+random states on the constraints, with crank speeds up to 30 rad/s in either direction. The other library takes fewer steps from the
+same states, which does not change its time per step. Some trajectories are computed again, one at a time, to check that lanes do
+not affect each other.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,7 +26,7 @@ from gauss_bench.suites.schema import Batch, Suite
 from gauss_bench.terms import Array
 
 QUANTITY = "batch of different states"
-CHECKED = 32  # trajectories that are run again one by one
+CHECKED = 32  # number of trajectories that are run again one by one
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
@@ -55,8 +55,8 @@ def list_keys(part: Batch) -> tuple[Key, Key]:
 def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Callable[[], Block]]]:
     """Yield the key of our own engine and that of its rival, each with the function that makes its timing block.
 
-    Both start at the same states, in a fixed random order: sorted by the crank's angle, adjacent lanes would hold nearly equal
-    states.
+    Both start at the same states, in a fixed random order: if they were sorted by crank angle, adjacent lanes would have nearly
+    equal states.
     """
     mechanism = load(linkage, scenario or None)
     states = random_states(mechanism, part.states)
@@ -68,19 +68,19 @@ def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Cal
 def make_block(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps: int) -> Block:
     """Return the timing block of one engine: `steps` steps of each trajectory from the states q, v (k, n).
 
-    One repetition is one step of one trajectory. The block of our own engine has a function `facts`, which compares
-    trajectories that are computed together with single ones.
+    One repetition is one step of one trajectory. The block of our own engine has a function `facts`, which compares trajectories
+    computed together with single ones.
     """
     model: Any = get(key.engine).build(mechanism, Choice(key.settings, "rk4", "none", part.step))
-    block = calls_block(key, ask(model, "batch")(q, v, steps), steps * len(q))  # the measured time is divided by the last argument
+    block = calls_block(key, ask(model, "batch")(q, v, steps), steps * len(q))  # last argument: number of repetitions
     return replace(block, facts=partial(check_lanes, model, q, v, steps)) if key.engine == part.own else block
 
 
 def check_lanes(model: Any, q: Array, v: Array, steps: int) -> Row:
     """Compute all trajectories in vector lanes, and CHECKED of them one by one; return the columns `lanes`, `lanes_error`, `lost`.
 
-    `lanes` is the number of trajectories that are computed at once, `lanes_error` the largest difference [m, rad] of a last state
-    in a lane from that of a single run, `lost` the number of trajectories that failed in lanes. States q, v are (k, n).
+    `lanes` is the number of trajectories that are computed at once, `lanes_error` the largest difference [m, rad] between the last
+    states in a lane and in a single run, `lost` the number of trajectories that failed in lanes. States q, v are (k, n).
     """
     ends = ask(model, "batch")(q, v, steps)()
     lost = model.kernel.lost  # read before the single runs overwrite it

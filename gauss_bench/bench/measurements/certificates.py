@@ -24,7 +24,7 @@ from gauss_bench.suites.schema import Suite
 TABLE = "certificates"
 LIMIT = 3600.0  # [s] for one certificate on a slow core
 CLOSED_FORMS = (*SINGLE, "n_four_bar_2")  # generated linkages whose certificates compare both computations with a closed form
-LONGER = {("crank_slider", "paper"): 10.0}  # [s] end of the paper's own example, which runs steadily by then
+LONGER = {("crank_slider", "paper"): 10.0}  # [s] end of the paper's own example, whose motion is steady by then
 
 
 def certify_one(
@@ -42,8 +42,8 @@ def certify_one(
         digits: number of digits that the certificate should guarantee.
         until: end of the motion [s]; by default the end of the scenario.
         out: the file to be written; None writes no file.
-        told: function that is called with a sentence at the start and, if stderr is no terminal, with one of progress every PAUSE
-            seconds.
+        told: function that is called with a sentence at the start and, if stderr is not a terminal, with a line of progress every
+            PAUSE seconds.
 
     Raises:
         LinkageError: the linkage file has faults.
@@ -108,8 +108,8 @@ def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
 def scenarios_to_certify() -> list[tuple[str, str]]:
     """Return linkage and scenario of every certificate of the suite.
 
-    They are all scenarios of the built-in linkages, and those scenarios of the linkages in CLOSED_FORMS whose motion is known in
-    closed form. Scenarios with dry friction are left out, because their motions cannot be certified.
+    These are all scenarios of the built-in linkages, and those of the linkages in CLOSED_FORMS whose motion is known in closed
+    form, without scenarios with dry friction, whose motions cannot be certified.
     """
     pairs = [(name, scenario) for name in (*built_in(), *CLOSED_FORMS) for scenario in document_of(name)[0]["scenarios"]]
     # a generated linkage with a driver has no closed form
@@ -123,7 +123,7 @@ def certify_built_in(jobs: int = 2) -> list[dict[str, Any]]:
 
 
 def _task(place: tuple[str, str], function: Callable[..., Tables], arguments: tuple[str, ...]) -> Task:
-    """Return the task that calls function(*arguments), which returns a row; `place` is linkage and scenario of its certificate."""
+    """Return the task that calls function(*arguments) for a certificate; `place` is the certificate's linkage and scenario."""
     start = dict(zip(("mechanism", "scenario"), place, strict=True))
     return Task("|".join((*place, *arguments)), function, arguments, "", TABLE, start, LIMIT)
 
@@ -165,7 +165,7 @@ def _verify(path: str, linkage: str) -> Tables:
 
 
 def certificates_digest() -> str:
-    """Return a digest of all certificates of the suite; if it has changed, figures that depend on certificates are stale."""
+    """Return a digest of all certificates of the suite; if it has changed, figures that depend on them are out of date."""
     digest = hashlib.sha256()
     folder = built_in_folder()
     for path in sorted((folder / "certificates").glob("*.npz")) if folder else ():
@@ -174,7 +174,7 @@ def certificates_digest() -> str:
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for the whole table of certificates, because reading certificates takes little time."""
+    """Return a single task for the table of certificates, because certificates are quick to read."""
     return [context.task(part.table, certificate_table, ()) for part in suite.certificates]
 
 

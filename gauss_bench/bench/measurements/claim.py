@@ -1,4 +1,4 @@
-"""Test the papers' claim that a step costs less if n - m unknowns are solved for instead of n + m, with all else equal.
+"""Test the papers' claim that a step takes less time if n - m unknowns are solved for instead of n + m, with all else equal.
 
 Here n is the number of coordinates and m the number of constraints. Gauss's formulation has n - m unknowns, Lagrange's has n + m.
 The compiled codes of both use the same elimination, the same search for pivots and the same code generator, and race in several
@@ -6,7 +6,7 @@ processes: a step of one trajectory, a step with projection, and a step in a bat
 of the ratios of all processes, with the spread of `clock.prediction_interval`; the verdict is "open" if the spread covers 1.
 
 For one evaluation of the accelerations, including the checks of pivots, the table also has the number of operations, the number of
-divisions, and the number of operations in the longest dependent chain.
+divisions, and the length of the longest chain of dependent operations.
 """
 
 import statistics
@@ -52,8 +52,8 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 def count_operations(linkage: str, scenario: str) -> Tables:
     """Return one row with the numbers of unknowns and of arithmetic operations of Gauss's and Lagrange's formulation.
 
-    Of the operations of one acceleration, the row has the number of all, the number of divisions, and the length of the longest
-    chain of dependent operations ("critical"). A formulation that cannot be compiled has no such counts.
+    For one evaluation of the accelerations, the row has the number of operations, the number of divisions, and the length of the
+    longest chain of dependent operations ("critical"), unless the formulation cannot be compiled.
     """
     mechanism = load(linkage, scenario or None)
     constraint_rows = mechanism.n - mechanism.dof
@@ -67,10 +67,10 @@ def count_operations(linkage: str, scenario: str) -> Tables:
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return one task for each linkage and process of a race; processes of the same linkage do not follow each other directly."""
+    """Return one task for each linkage and process of a race; processes of the same linkage are not consecutive."""
     tasks = []
     for part in suite.claim:
-        # without linkages, so that the task of one linkage does not depend on the others
+        # without linkages, so that the task of a linkage does not depend on other linkages
         asked = part.model_copy(update={"linkages": {}})
         for number, place in product(range(part.processes), part.linkages.items()):  # `place`: linkage and scenario
             task = context.task("claim_races", race_claim, (*place, asked, number), *place, process=number)
@@ -96,7 +96,7 @@ def entries(linkage: str, scenario: str, part: Claim) -> Iterator[tuple[Key, Cal
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add the ratios and verdicts of the races to the rows of the table `kernel_claim`, which have counts."""
+    """Add the ratios and verdicts of the races to the rows of the table `kernel_claim`."""
     races = group_by(tables.get("claim_races", []), "mechanism", "scenario")
     rows = tables.get("kernel_claim", [])
     rows[:] = [claim_row(start, races.get((start["mechanism"], start["scenario"]), [])) for start in rows]
@@ -108,7 +108,7 @@ def claim_row(start: Row, races: Rows) -> Row:
     If no race has a ratio of the times of a step, the status of the row is that of a race that failed or, if none failed, "skip".
     """
     columns = start | {"status": str(Status.SKIP), "message": "no step was timed", "processes": 0}
-    # a race that failed as a whole has a row that does not say what was timed
+    # if a whole race failed, its row does not say what was timed
     failed = [r for r in races if r["status"] != Status.OK and r.get("what") in (STEP, None, "")]
     if failed:
         columns |= {"status": failed[0]["status"], "message": failed[0]["message"]}

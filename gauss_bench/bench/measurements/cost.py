@@ -38,13 +38,13 @@ from gauss_bench.runs.offers import offer
 from gauss_bench.runs.starting import build_model, cold_there, first_step, start_there, time_start
 from gauss_bench.suites.schema import Cost, Suite
 
-BASELINE = "gauss"  # the cost of a step is its time divided by that of this engine, the formulation of Yuan and Ge
+BASELINE = "gauss"  # engine whose step time is the unit of cost: the formulation of Yuan and Ge
 BUILD, ACCELERATION, STEP, NATIVE = "build", "acceleration", "step", "native_step"
 BARE, EMPTY, BATCH = "bare call", "empty call", "batch step"
 COLD, START = "cold build", "start"
 IN_NEW_PROCESS = {COLD: cold_there, START: start_there}
-TRAJECTORIES = 128  # in a batch: enough that the call from Python is negligible
-BATCH_STEPS = 200  # of each trajectory
+TRAJECTORIES = 128  # number of trajectories in a batch, enough that the call from Python is negligible
+BATCH_STEPS = 200  # number of steps of each trajectory in a batch
 
 Make = Callable[[], Block]
 
@@ -52,8 +52,8 @@ Make = Callable[[], Block]
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return the tasks that time all engines, one for each linkage and process, and those of the cold builds.
 
-    Engines that crashed or hung on a linkage are not timed there. The processes of one linkage do not follow each other directly,
-    so that a disturbance that lasts a minute affects few of them.
+    Engines that crashed or hung on a linkage are not timed there. The processes of one linkage are not consecutive, so that a
+    disturbance that lasts a minute affects few of them.
     """
     lost = {(r["mechanism"], r["engine"]) for r in tables.get("results", []) if r["status"] in LOST}
     tasks = []
@@ -97,7 +97,7 @@ def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make
     for name in part.engines:
         offered = offer(name)
         for chosen in combinations(offered, part.integrators, plain=name in part.plain):  # `plain`: the defaults only
-            if chosen.integrator not in offered.adaptive:  # others have no equal steps
+            if chosen.integrator not in offered.adaptive:  # adaptive integrators have no equal steps
                 for quantity, make in quantities(name, mechanism, Choice(*chosen, part.step), part):
                     yield Key(quantity, name, *chosen), make
     if part.processor:  # two loops that measure the processor's speed
@@ -109,7 +109,7 @@ def quantities(name: str, mechanism: Mechanism, choice: Choice, part: Cost) -> I
 
     Builds and accelerations do not depend on the integrator and are timed with the first one only. BARE is the library's own call,
     and EMPTY a trivial call, which shows the cost of calling; engines in `part.bare` have both. Of an engine with an environment of
-    its own, only accelerations and steps are timed, in a process of this environment, to which the work is sent.
+    its own, only accelerations and steps are timed, in a process of this environment.
     """
     offered, start, is_here = offer(name), (mechanism.q0, mechanism.v0), environment_of(name) is None
     engine: Any = get(name) if is_here else None
@@ -156,12 +156,12 @@ def time_first_step(linkage: str, scenario: str, engine: str, step: float, quant
 def gather_by_linkage(tables: Tables) -> dict[tuple[Any, ...], Measured]:
     """Return (mechanism, scenario) -> the results of its races."""
     places = group_by([*tables.get("samples", []), *tables.get("untimed", [])], "mechanism", "scenario")
-    # a row without a quantity, which is left out, is that of a race that failed as a whole
+    # rows without a quantity are left out: they belong to races that failed as a whole
     return {place: gather_rounds(r for r in rows if "quantity" in r) for place, rows in places.items()}
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Fill in the cost columns of the table `results`, and keep one of equal rows of `untimed` from several processes."""
+    """Fill in the cost columns of the table `results`, and remove duplicate rows of `untimed` from several processes."""
     if "untimed" in tables:
         distinct = dict.fromkeys(tuple(r.items()) for r in tables["untimed"])
         tables["untimed"] = [dict(items) for items in distinct]
@@ -176,7 +176,7 @@ def add_costs(rows: Rows, races: dict[tuple[Any, ...], Measured]) -> None:
     """
     columns = cache(partial(_columns, races))
     for row in rows:
-        row |= columns(row["mechanism"], row["scenario"], key_of(row | {"quantity": ""}))  # a result is of no single quantity
+        row |= columns(row["mechanism"], row["scenario"], key_of(row | {"quantity": ""}))  # results have no quantity
 
 
 def _columns(races: dict[tuple[Any, ...], Measured], mechanism: str, scenario: str, key: Key) -> dict[str, float]:
@@ -185,7 +185,7 @@ def _columns(races: dict[tuple[Any, ...], Measured], mechanism: str, scenario: s
     columns: dict[str, float] = {}
     for quantity in (BUILD, COLD, ACCELERATION, STEP, NATIVE):
         wanted = key._replace(quantity=quantity)
-        fields = len(wanted) if quantity in (STEP, NATIVE) else 3  # the others depend on quantity, engine and settings alone
+        fields = len(wanted) if quantity in (STEP, NATIVE) else 3  # the others depend only on quantity, engine and settings
         own = next((x for k, x in samples.items() if isinstance(k, Key) and k[:fields] == wanted[:fields]), None)
         if own is None:
             continue

@@ -1,4 +1,4 @@
-"""Errors of the torque that drives a linkage through one turn by a prescribed law.
+"""Compute errors of the torque that drives a linkage through one turn by a prescribed law.
 
 The reference motion needs no integration, and its torque follows from virtual work. The torque and the joint forces of an engine
 are computed here from its accelerations. Without losses, the mean torque over one turn of the crank is zero. If rows are redundant,
@@ -34,14 +34,14 @@ def driving(linkage: str, scenario: str, part: Driving) -> Tables:
     wanted = sampling(part.step, mechanism.duration, reference.t)
 
     def compare(method: Method) -> Row:
-        """Run an engine with a setting, and return the columns of its errors; a RunFailure if it has no motion or joint forces."""
+        """Run an engine with a setting; return the columns of errors, or raise RunFailure if it has no motion or joint forces."""
         choice = Choice(method.settings, method.integrator, method.stabilization, part.step)
         x = run_of(Request(linkage, scenario, method.engine, choice, wanted), mechanism, LIMIT).complete()
         try:
             reactions = metrics.reactions(evaluator, x)
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             raise RunFailure(Status.ERROR, f"no joint forces: {error}") from error
-        own_rows, reference_rows = metrics.common_times(x.t, reference.t)  # at the times that both have
+        own_rows, reference_rows = metrics.common_times(x.t, reference.t)  # indices of common times
         errors = np.abs(reactions[own_rows] - exact[reference_rows]).max(axis=0)  # (m,)
         largest = np.abs(exact).max(axis=0)  # (m,)
         return {

@@ -1,8 +1,8 @@
 """Measure further figures of every engine, for the table `field`: repetition, joint forces, start-up time and installed size.
 
-Two runs in two new processes must agree bit by bit. The suite computes joint forces from the engine's accelerations; those that the
-engine itself reports are compared with the reference as well. A start is the first use of the engine in a new process: import,
-model and first step. An engine that is not installed has a row with the reason.
+Two runs in two new processes must agree bit by bit. Joint forces that the suite computes from the engine's accelerations, and joint
+forces that the engine itself reports, are compared with the reference. A start is the first use of the engine in a new process:
+import, model and first step. An engine that is not installed has a row with the reason.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ from gauss_bench.trajectory import Status, Trajectory
 
 
 def engines_of(part: SameQuestions) -> list[str]:
-    """Return the listed engines among those that a section of the suite names, or all listed ones if it names none.
+    """Return the listed engines (`names`) among those that a section of the suite names, by default all listed engines.
 
     Engines of ELSEWHERE are listed only if they are installed; an engine of FOREIGN is listed even if its library is missing.
     """
@@ -42,16 +42,16 @@ def engines_of(part: SameQuestions) -> list[str]:
 
 
 def absent_engines(part: SameQuestions) -> list[str]:
-    """Return the engines that are not installed, among those that a section of the suite names or, if it names none, ELSEWHERE."""
+    """Return the engines that are not listed, among those that a section of the suite names, by default among ELSEWHERE."""
     listed = names()
     return [x for x in part.engines or ELSEWHERE if x not in listed]
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return the tasks that run `compare_runs`: one for each linkage, engine and setting.
+    """Return the tasks that run `compare_runs`, one for each linkage, engine and setting.
 
-    The engine's first integrator is used, without stabilisation. The engines in PLAIN, which differ only in how they solve the same
-    equations, are run with their default setting only.
+    The engine's first integrator is used, without stabilisation. The engines in PLAIN, which solve the same equations by different
+    methods, are run only with their default setting.
     """
     tasks = []
     for part in suite.field:
@@ -102,7 +102,7 @@ def repeats(one: Trajectory, other: Trajectory) -> tuple[bool, float]:
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return the tasks that time the start-up of every usable engine, on the first linkage of each section of the suite.
 
-    The repetitions of one engine do not follow each other directly.
+    The repetitions of an engine are not consecutive.
     """
     tasks = []
     for part in suite.field:
@@ -115,9 +115,8 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 def complete(suite: Suite, tables: Tables) -> None:
     """Complete the table `field`.
 
-    Each row gets the start-up time and the installed size of its engine, and the name of the suite's linkage with redundant
-    constraint rows, under which the report finds the runs of the same engine on that linkage. Each engine that is not
-    installed gets a row with the reason.
+    Each row gets the start-up time and the installed size of its engine, and the name of the suite's linkage with redundant rows,
+    by which the report finds the engine's runs on that linkage. Each engine that is not installed gets a row with the reason.
     """
     rows = tables.get("field", [])
     for part in suite.field:

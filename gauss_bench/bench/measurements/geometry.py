@@ -1,6 +1,6 @@
 """Compare three independent methods of kinematics: link units, point coordinates, and the differentiated constraints of dynamics.
 
-The methods have no equation in common, so that their agreement confirms the velocities and accelerations at the start of runs.
+The methods have no equation in common: their agreement confirms the velocities and accelerations at the start of runs.
 """
 
 from itertools import combinations
@@ -19,8 +19,8 @@ from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.suites.schema import Geometry, Suite
 from gauss_bench.terms import Array
 
-POSITIONS = 361  # of a turn
-STARTS = 60  # random starts of a search: a share is known to 6 %, which distinguishes "always", "half" and "seldom"
+POSITIONS = 361  # number of positions in a turn
+STARTS = 60  # random starts of a search: the share of successes is known to 6 %: "always", "half" and "seldom" differ by more
 FORMS = (  # name of a form of the equations, distances of starts from the solution, function that makes the equations
     ("loop variables", (0.5, 1.0, np.pi), loop_form),
     ("point coordinates", (0.1, 0.2, 0.5), point_form),
@@ -56,7 +56,7 @@ def geometry(linkage: str, scenario: str, part: Geometry) -> Tables:
 def exact_motion(motion: MinimalCoordinate, angles: Array, speeds: Any = 1.0, accelerations: Any = 0.0) -> Levels:
     """Return q, v, a (k, n) at k crank angles [rad], speeds [rad/s] and accelerations [rad/s^2].
 
-    A single number, instead of an array (k,), is the value at all angles. Newton's method solves each position from the one before.
+    A single number, instead of an array (k,), holds at all angles. Newton's method starts from the previous position.
     """
     states = [motion.state(*(np.array([float(x)]) for x in law)) for law in np.broadcast(angles, speeds, accelerations)]
     q, v, a = (np.concatenate(level) for level in zip(*states, strict=True))

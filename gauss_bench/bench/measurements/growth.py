@@ -1,11 +1,11 @@
-"""How the time of one right-hand side grows with the number of loops: this package's kernels compared with engines.
+"""Measure how the time of a right-hand side grows with the number of loops, in this package's kernels and in engines.
 
 The linkage is a chain of N four-bars. All contenders (kernels and calls of libraries) compute the accelerations at the same state,
-where they are known in closed form. Of a library, those calls are timed that an expert would make, without the conversion of
-coordinates around them: those in CONTENDERS, and the `library_calls` of engines from outside. A kernel is timed in its own loop,
-where a right-hand side is a quarter of a step of the fourth-order Runge-Kutta method, and called from Python for one state.
+where they are known in closed form. The calls of libraries are those that an expert would make, without conversion of coordinates:
+those in CONTENDERS, and the `library_calls` of plug-ins and engines of other environments. A kernel is timed in its own loop, where
+a right-hand side is a quarter of a step of the fourth-order Runge-Kutta method, and in calls from Python for one state.
 
-The exponent p of time ~ N^p is fitted to the medians over the processes; its spread follows from those of the single processes.
+The exponent p of time ~ N^p is fitted to the medians over the processes; its spread follows from the exponents of single processes.
 """
 
 import statistics
@@ -35,15 +35,15 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
 MOMENT = "0.5"  # [s] time of the state in the closed form
-STEP = 1e-6  # [s] of own kernels, so short that they stay near the state
-LOOPED = 1000  # steps in one call, so that the cost of calling is negligible
+STEP = 1e-6  # [s] step of the kernels, so short that they stay near the state
+LOOPED = 1000  # steps in one call, so many that the cost of the call is negligible
 LOOP, CALLED, IMPLICIT = "in its own loop", "called from Python", "one implicit step"
-# library -> the largest size at which it is timed, and why no larger size is
+# library -> the largest size at which it is timed, and the reason of this limit
 SIZE_LIMITS = {"pinocchio": (64, "building and checking the model takes more than a minute")}
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return one task for each process and size of the linkage; the processes of one size do not follow each other directly."""
+    """Return one task for each process and size of the linkage; the processes of a size are not consecutive."""
     tasks = []
     for part in suite.growth:
         calls = [(x.name, call) for x in offers_from_outside() if x.usable for call in x.library_calls]  # (engine, name of a call)
@@ -54,9 +54,9 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add the table of times over all processes, and the table of the exponents with which the times grow with the size."""
+    """Add the table of times over all processes, and the table of exponents of their growth with the size."""
     races = tables.get("scaling_races", [])
-    for part in suite.growth:  # suites have one such part; of several, the last would count
+    for part in suite.growth:  # suites have at most one such part
         tables["scaling"] = summarise_races(races)
         tables["kernel_growth"] = exponents(races, part.large)
 
@@ -77,7 +77,7 @@ class ExactState:
 
 @dataclass(frozen=True)
 class Contender:
-    """A kernel or a library call that is timed: its timed quantities, and the function that makes one block for each of them."""
+    """A timed kernel or library call: its timed quantities, and the function that makes one block for each of them."""
 
     quantities: tuple[str, ...]
     make_blocks: Callable[[ExactState], list[Block]]
@@ -92,7 +92,7 @@ def exact_state(size: int) -> ExactState:
 
 
 def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
-    """Return name -> contender: CONTENDERS, and the library calls (engine, name of the call) that plug-ins offer."""
+    """Return name -> contender: CONTENDERS, and the library calls (engine, name of the call) in `outside`."""
     offered = {f"{engine}, {call}": partial(make_offered_blocks, engine, call) for engine, call in outside}
     return CONTENDERS | {name: Contender((CALLED,), make_blocks) for name, make_blocks in offered.items()}
 
@@ -111,7 +111,7 @@ def race_growth(size: int, rounds: int, number: int, outside: Sequence[Sequence[
 
 
 def entries(size: int, outside: Sequence[Sequence[str]]) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield the key of every timed quantity of every contender on a chain of `size` four-bars, and the maker of its block.
+    """Yield each timed quantity's key, and the function that makes its block, for all contenders on a chain of `size` four-bars.
 
     `outside` lists (engine, call) of plug-ins and engines of other environments.
     """
@@ -137,12 +137,12 @@ def make_blocks(name: str, contender: Contender, size: int, state: ExactState) -
 
 
 def pick_block(blocks: Callable[[], list[Block]], k: int) -> Block:
-    """Return block number k of a contender, of those that `blocks` makes at its first call."""
+    """Return block number k of the blocks of a contender, all of which the first call of `blocks` makes."""
     return blocks()[k]
 
 
 def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:
-    """Compile a kernel, and return its two timing blocks: steps in its own loop, and accelerations from Python.
+    """Compile a kernel, and return its two timing blocks: steps in its own loop, and accelerations called from Python.
 
     Raises:
         RunFailure: the mechanism has no kernel.
@@ -153,19 +153,19 @@ def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:
         raise RunFailure(Status.SKIP, str(error)) from error
     facts = {"generate_seconds": kernel.generate_seconds, "compile_seconds": kernel.compile_seconds}
     facts |= {"error": state.error(kernel.acceleration(state.q, state.v))}
-    # a step of the Runge-Kutta method has four right-hand sides: a call does the work of 4 LOOPED of them
+    # a step of the Runge-Kutta method has four right-hand sides: a call evaluates 4 LOOPED of them
     steps = calls_block(NO_KEY, lambda: kernel.rollout(state.q, state.v, STEP, LOOPED), 4 * LOOPED)
     single = calls_block(NO_KEY, lambda: kernel.acceleration(state.q, state.v))
     return [replace(x, facts=lambda: facts) for x in (steps, single)]
 
 
 def make_library_blocks(prepare: Callable[[Mechanism, Array, Array], LibraryCall], state: ExactState) -> list[Block]:
-    """Return one timing block, in a list: the call of a library in this process that `prepare`(mechanism, q, v) returns."""
+    """Return a list with the timing block of a library's call in this process; prepare(mechanism, q, v) returns the call."""
     return [with_facts(prepare_call(prepare, state.mechanism, state.q, state.v), state)]
 
 
 def make_offered_blocks(engine: str, call: str, state: ExactState) -> list[Block]:
-    """Return one timing block, in a list, for a library call that a plug-in or an engine of another environment offers.
+    """Return a list with the timing block of a library call that a plug-in or an engine of another environment offers.
 
     Raises:
         RunFailure: the engine cannot model the mechanism, or returns accelerations of the wrong shape.

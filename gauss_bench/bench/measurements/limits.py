@@ -1,9 +1,10 @@
-"""Lower bounds for the time of a step on this processor, for one trajectory and for many, and the ratio bound / time.
+"""Compute lower bounds of the time of a step on this processor, for one trajectory and for many, and the ratio bound / time.
 
 For one trajectory, the bound is the length of a cycle times the cycles of the longest sequence of dependent operations from one
 iteration of the compiled loop to the next, at the latencies that the code generator assumes. For many trajectories, it is the
-number of operations of a step, divided by the peak rate of the processor. Both properties of the processor are measured in the race
-of the engines. No code reaches the peak rate: most operations cannot be fused, and a division takes the time of eight or more.
+number of operations of a step divided by the peak rate of the processor. Both properties of the processor are measured in the race
+of the engines. No code reaches the peak rate: most operations cannot be fused, and a division takes as long as eight additions or
+more.
 
 Source: Hennessy and Patterson, Computer Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
 """
@@ -33,7 +34,7 @@ QUANTITIES = {ONE: (NATIVE, LATENCY_KEY, "cycles"), MANY: (BATCH, RATE_KEY, "flo
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task, which measures no times, for each linkage on which a suite measures the processor's speed too."""
+    """Return one task, which measures no times, for each linkage on which a suite measures the processor's speed."""
     if not suite.bounds:
         return []
     places = dict.fromkeys(x for part in suite.cost if part.processor for x in part.linkages.items())
@@ -67,7 +68,6 @@ def complete(suite: Suite, tables: Tables) -> None:
         rows = tables.get("kernel_bounds", [])
         for number, counted in enumerate(rows):
             measured = races.get((counted["mechanism"], counted["scenario"]), Measured({}, {}))  # empty without a race
-            # the columns `counted`, and those that compare_with_bound(counted, part.own, measured) returns
             rows[number] = row(counted, compare_with_bound, counted, part.own, measured)
         samples: dict[Hashable, Array] = {}  # of all races
         for key in (LATENCY_KEY, RATE_KEY):

@@ -1,6 +1,6 @@
 """Long runs with projection: loops must stay closed to rounding, and the error of the energy must fall with the integrator's order.
 
-The scenarios are conservative. With Runge and Kutta's method the error of the energy grows with time; at half the step it must be
+The scenarios are conservative. With the Runge-Kutta method the error of the energy grows with time; at half the step it must be
 smaller by a factor of about 2^4 or more.
 
 Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section IX.8 (drift of the energy).

@@ -1,4 +1,4 @@
-"""Compare statements of the papers and published values with computed ones."""
+"""Compare statements of the papers, and published values, with computed values."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,8 +1,8 @@
 """Measure the speed of the processor by two small compiled loops, which are timed in turn with the engines (`cost.py`).
 
-The first loop is a chain of fused multiply-adds, each of which needs the result of the one before, so that it shows the latency of
-a multiply-add, which is CYCLES cycles on every x86 processor since 2015. The second loop has CHAINS independent chains of
-multiply-adds of vectors, and shows the peak rate, in which a multiply-add is two operations for each number of the vector.
+The first loop is a chain of fused multiply-adds, each of which needs the result of the one before. It shows the latency of a
+multiply-add: CYCLES cycles on every x86 processor since 2015. The second loop has CHAINS independent chains of multiply-adds of
+vectors. It shows the peak rate, in which a multiply-add counts as two operations for each number of the vector.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,12 +23,12 @@ from gauss_bench.trajectory import RunFailure, Status
 
 CYCLES = LATENCY["fma"]
 CHAINS = 16  # enough to fill two pipes of four cycles each, twice
-LINKS = 16  # multiply-adds of a chain in one turn of the loop
-TURNS = 2_000  # of the loop in one call
+LINKS = 16  # multiply-adds of a chain in one iteration of the loop
+TURNS = 2_000  # iterations of the loop in one call
 TEMPLATE = Path(__file__).parent / "chain.ll.jinja"
 PROCESSOR = "processor"
 LATENCY_KEY, RATE_KEY = Key("latency", PROCESSOR, "", "", ""), Key("rate", PROCESSOR, "", "", "")
-FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")  # of the machine, that the table shows
+FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")  # columns of the machine's table
 
 
 def chain_text(chains: int, links: int, lanes: int) -> str:
@@ -84,7 +84,7 @@ def processor_rows(measured: Measured) -> Rows:
 
     def rate() -> Row:
         """Return the columns of the operations per second and their spread: the longest time gives the lowest rate."""
-        seconds = spread("value", measured.of(RATE_KEY))  # of one multiply-add of vectors, two operations in each lane
+        seconds = spread("value", measured.of(RATE_KEY))  # time of a multiply-add of vectors: two operations in each lane
         pairs = (("value", "value"), ("value_low", "value_high"), ("value_high", "value_low"))  # column of the rate and of its time
         return {name: 2 * lanes / seconds[time] for name, time in pairs}
 

@@ -1,12 +1,12 @@
-"""Ratios of times between this package's compiled formulations (kernels) and a rival engine, from the races of `cost.py`.
+"""Compute ratios of times between this package's compiled formulations (kernels) and a rival engine, from the races of `cost.py`.
 
 All steps have the same length, and each engine takes them in its own loop. The times include forces, springs, the checks of pivots,
 and the call from Python, which is a few per cent of the kernel's time.
 
 A right-hand side computes the accelerations of a state. For the rival, a call of its library at a prepared state is timed (the
-"bare call"), with and without the cost of a call from Python; that of an empty call is about 0.1 us too small, because the bare
-call has more arguments. For the kernel it is either a quarter of a Runge-Kutta step in its own loop, where terms that several
-stages have in common are computed once, or a call from Python.
+"bare call"), with and without the cost of a call from Python, which is taken as the time of an empty call (about 0.1 us too small,
+because the bare call has more arguments). For the kernel, a right-hand side is either a quarter of a Runge-Kutta step in its own
+loop, where terms that several stages have in common are computed once, or a call from Python.
 """
 
 from itertools import product
@@ -21,7 +21,7 @@ from gauss_bench.suites.schema import RightHandSide, Steps, Suite
 
 LOOP, CALLED = "in its own loop", "called from Python"
 AS_CALLED, NET = "as called", "less the call"
-LEAST = 1e-9  # [s] least time of a right-hand side: noise could make the rival's time less the call negative
+LEAST = 1e-9  # [s] least time of a right-hand side: the rival's time less the call could be negative by noise
 
 
 def complete(suite: Suite, tables: Tables) -> None:
@@ -40,8 +40,8 @@ def complete(suite: Suite, tables: Tables) -> None:
 def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured: Measured) -> Rows:
     """Return one row for each formulation, stabilisation and setting of the rival engine.
 
-    The ratio of the first formulation must reach a target, if the suite states one for the linkage. `place` is mechanism and
-    scenario, `step` the length of the timed steps [s].
+    The ratio of the first formulation has a target if the suite states one for the linkage. `place` is mechanism and scenario,
+    `step` the length of the timed steps [s].
     """
     rows = []
     for (formulation, engine), stabilization, settings in product(part.own.items(), part.stabilizations, part.settings):

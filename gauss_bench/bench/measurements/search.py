@@ -1,13 +1,12 @@
 """Find the cheapest setting of every engine on a linkage, by the rules of `../search.py`: errors first, then a race.
 
 First, every variant runs alone in a worker process, at finer and finer sizes; the list of its trials is a "ladder". Errors are the
-largest ones of a position, of an angle and of a joint force during the run, at 50 sample times at equal distances (or fewer, if the
-reference has no samples there, or steps are so long that some are no ends of steps).
+largest errors of positions, of angles and of joint forces during the run, at 50 equidistant sample times (or fewer, if the
+reference lacks samples there, or some are not ends of steps).
 
-Then settings race. The time of one step of each variant that met a requirement, times the number of steps, is the estimated cost of
-a setting; the cheap settings are timed over whole runs, in several processes. Of a run with equal steps that would take longer than
-`lead`, only the first part is timed. The processes of one linkage do not follow each other directly, so that a disturbance that
-lasts a minute affects few of them.
+Then settings race. The estimated cost of a setting is the time of one step of its variant, times the number of steps; the cheap
+settings are timed over whole runs, in several processes. Of a run with equal steps that would take longer than `lead`, only the
+first part is timed. The processes of one linkage are not consecutive, so that a disturbance of a minute affects few of them.
 
 Settings that the authors (owners) of an engine sent in are further variants. Their cheapest setting is always timed, because a
 table compares it with the suite's.
@@ -55,8 +54,8 @@ from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.trajectory import Failure, Status
 
-SKIPPED = (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED)  # answers whose status in tables is "skip"; others are a status
-BRIEF = 2  # integrators that a brief search tries of an engine that names no variants to try first
+SKIPPED = (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED)  # answers with the status "skip" in tables; others are statuses
+BRIEF = 2  # number of integrators in a brief search, for engines that list no variants under `first`
 Ladders = dict[Way, list[Trial]]  # variant (a `Way` whose size is 0) -> its trials, from coarse to fine
 Owners = dict[Way, str]  # variant (a `Way` whose size is 0) that the authors of its engine sent in -> these authors
 Place = tuple[str, str]  # linkage and scenario, as a suite names them
@@ -83,7 +82,7 @@ def requirements(part: Search) -> list[Requirement]:
 def engines_of(part: Search) -> list[Offer]:
     """Return the descriptions of the engines whose settings a section of the suite searches.
 
-    If the section names none, these are all but RIVALS for a brief search, and all but the numpy formulations (OWN) for others.
+    If the section names none, these are all except RIVALS for a brief search, and all except OWN for other searches.
     """
     by_default = names() if part.brief else [x for x in all_names() if x not in OWN]
     return [offer(x) for x in part.engines or by_default]
@@ -92,8 +91,8 @@ def engines_of(part: Search) -> list[Offer]:
 def space_of(engine: Offer, part: Search) -> list[Variant]:
     """Return the variants of an engine that a section of the suite searches, without those that the engine's authors sent in.
 
-    A brief search tries the variants that the engine lists under `first`. If the engine lists none, it tries those that have no
-    stabilisation and one of the first BRIEF integrators, or all variants if none of them is such.
+    A brief search tries the variants that the engine lists under `first`. If the engine lists none, the search tries those with one
+    of the first BRIEF integrators and no stabilisation, or all variants if there is none of these.
     """
     every = space(engine)
     if not part.brief:
@@ -109,7 +108,7 @@ def candidates(engine: Offer, part: Search) -> list[Variant]:
 
 
 def motion_of(linkage: str, scenario: str, part: Search) -> Run:
-    """Return the motion of a search, which ends as the section of the suite says or, if that is earlier, with the scenario."""
+    """Return the motion of a search, which ends when the section of the suite says or, if earlier, when the scenario ends."""
     mechanism = load(linkage, scenario or None)
     return Run(linkage, mechanism, min(part.until, mechanism.duration))
 
@@ -118,7 +117,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """Return one task for each linkage, engine and variant; the task runs the variant at finer and finer sizes."""
     tasks = []
     for part, place in _races(suite):
-        # the trials of one variant do not depend on these fields: they are emptied, so that the key of its task does not either
+        # these fields do not affect the trials of a variant, and are emptied so that the task's key does not depend on them
         stripped = part.model_copy(update={"linkages": {}, "engines": (), "authors": ()})
         for engine in engines_of(part):
             for variant in candidates(engine, part):
@@ -131,12 +130,12 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return a task for the first process of every race, in which all settings that met a requirement may take part."""
-    # its limit is that of two races: `first_race` times steps in one process, and runs in another
+    # with the limit of two races: `first_race` times steps in one process, and runs in another
     return [with_race_limit(_task(context, first_race, part, place, tables), 2) for part, place in _races(suite)]
 
 
 def second_timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return tasks that repeat every race in further processes, with the settings that were close to the fastest in the first.
+    """Return tasks that repeat every race in further processes, with the settings close to the fastest in the first process.
 
     Process k runs on all linkages before process k + 1.
     """
@@ -178,13 +177,13 @@ def _task(context: Context, function: Callable[..., Tables], part: Search, place
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add the tables of the search: cheapest settings and their times, variants that were searched, meaning of engines' options."""
+    """Add the tables of the search: cheapest settings, their times, variants that were searched, and meanings of options."""
     results = []
     for part, place in _races(suite):
         if races := _rows_at(tables, "search_races", place):
             results.append(winners_and_times(*place, part, _rows_at(tables, "search_ladder", place), races))
     tables |= gather(results)
-    variants: dict[str, Rows] = {}  # engine -> rows of its variants, each once although parts may share engines
+    variants: dict[str, Rows] = {}  # engine -> rows of its variants, without duplicates if parts share engines
     knobs: Rows = []
     for part in suite.search:
         for engine in (x for x in engines_of(part) if x.usable):
@@ -211,7 +210,7 @@ def space_row(engine: Offer, variant: Variant) -> Row:
 
 
 def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Search, store: str) -> Tables:
-    """Run a variant at finer and finer sizes; return a row for each run, the last of which says why no finer one was tried.
+    """Run a variant at finer and finer sizes; return a row for each run, the last with the reason why no finer size was tried.
 
     `store` is the folder where references are stored.
     """
@@ -220,7 +219,7 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
     start: Row = place_of(run.mechanism) | names | {"until": run.until, "owner": variant.owner}
     adaptive = variant.integrator in offer(engine).adaptive
     reference = reference_of(linkage, scenario, run.until, store)
-    # number of sample times, at equal distances, at which errors are taken: the first for which the reference has all samples
+    # number of equidistant sample times at which errors are taken: the first for which the reference has all samples
     counts = [x for x in BEATS if common_times(reference.t, run.until / x * np.arange(x + 1))[1].all()]
     if not counts:
         reason = f"the truth has no samples at every tenth of {run.until:g} s"
@@ -254,7 +253,7 @@ def owners_of(rows: Rows) -> Owners:
 
 
 def passing_ways(ladders: Ladders, wanted: Requirement, engine: str) -> dict[Way, Trial]:
-    """Return, of each variant of an engine that meets a requirement, the coarsest setting that meets it -> its trial."""
+    """Return setting -> trial: the coarsest setting that meets a requirement, of each variant of an engine that has one."""
     coarsest_trials = {way: coarsest(trials, wanted) for way, trials in ladders.items() if way.engine == engine}
     return {way._replace(size=trial.size): trial for way, trial in coarsest_trials.items() if trial}
 
@@ -262,8 +261,8 @@ def passing_ways(ladders: Ladders, wanted: Requirement, engine: str) -> dict[Way
 def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
     """Return groups of settings, each as a dict setting -> trial; the cheapest setting of each group is to be found.
 
-    All settings of a group meet the same requirement, and have the same engine, the same owner and the same kind of time loop
-    (option `loop`). `rows` are those of the table `search_ladder` that belong to the linkage.
+    All settings of a group meet the same requirement, and have the same engine, the same owner and the same time loop (option
+    `loop`). `rows` are the linkage's rows of the table `search_ladder`.
     """
     ladders, owners = read_ladders(rows), owners_of(rows)
     groups: list[dict[Way, Trial]] = []
@@ -283,13 +282,13 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     """
     run, groups = motion_of(linkage, scenario, part), rivals(rows, part)
     steps = {way: trial.steps for ways in groups for way, trial in ways.items()}
-    # one step of each variant is timed, at the finest size that meets a requirement: the last entry of a variant replaces others
+    # one step of each variant is timed, at its finest size, which is the last one in the dict and replaces the others
     finest = {without_size(way): way for way in sorted(steps, key=lambda x: -x.size)}
     step_times, lost = race_apart(run, part, [Racer(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
     measured = gather_rounds(step_times, entry_of)
     seconds = {variant: measured.time(way) for variant, way in finest.items() if way in measured.samples}  # of one step
     costs = {way: seconds[without_size(way)] * (steps[way] or 1) for way in steps if without_size(way) in seconds}
-    chosen: dict[Way, None] = {}  # each setting once, although groups for different requirements may share it
+    chosen: dict[Way, None] = {}  # each setting once, even if several groups have it
     for ways in groups:
         chosen |= dict.fromkeys(finalists({way: costs[way] for way in ways if way in costs}))
     timed, more_lost = race_apart(run, part, [Racer(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead)
@@ -316,7 +315,7 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
 def race_apart(
     run: Run, part: Search, racers: Sequence[Racer], rounds: int, lost: Collection[str] = (), lead: float | None = None
 ) -> tuple[Rows, dict[str, WorkerFailure]]:
-    """Time settings side by side in a new process: runs, of which at most the first `lead` [s] are timed, or steps if it is None.
+    """Race settings in a new process: time runs, or at most their first `lead` [s], or single steps if `lead` is None.
 
     Engines in `lost`, which crashed or hung in an earlier race, are left out. Return the rows of `race_here`, and engine ->
     failure for each engine that crashed or hung in this race.
@@ -348,12 +347,12 @@ def without_size(way: Way) -> Way:
 
 
 def near_ways(ways: Iterable[Way], measured: Measured) -> list[Way]:
-    """Return those settings that may still be the fastest, by their times in the first process of a race."""
+    """Return the settings that may still be the fastest, given their times in the first process of a race."""
     return close_to_fastest({way: float(quartiles(measured.samples[way])[0]) for way in ways if way in measured.samples})
 
 
 def race_rows(run: Run, number: int, timed: Rows, lost: Mapping[str, WorkerFailure]) -> Rows:
-    """Return the rows of process `number` of a race, made of those of `race_here`, and one for each engine lost in it."""
+    """Return the rows of process `number` of a race: one for each row of `race_here`, and one for each engine that was lost."""
     start: Row = place_of(run.mechanism) | {"process": number}
     rows = []
     for r in timed:
@@ -366,8 +365,8 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
     """Return up to three tables of results for a linkage, table -> rows.
 
     `search_winners` has the cheapest setting of each engine for each requirement, or the reason why it has none. `search_times` has
-    the time of each setting that was timed. `search_owned` compares the settings of an engine's authors with those of the suite; it
-    is missing if no authors sent in settings. If nothing was timed, there is only `search_winners` with the reasons.
+    the time of each setting that was timed. `search_owned` compares the settings of an engine's authors with those of the suite, if
+    authors sent in settings. If nothing was timed, there is only `search_winners`, with the reasons.
 
     Args:
         ladder_rows: the rows of the table `search_ladder` that belong to the linkage.
@@ -413,7 +412,7 @@ def _time_over_processes(measured: Measured, way: Way) -> Row:
 
 def list_lost(races: Rows) -> dict[str, Row]:
     """Return engine -> status and reason, for each engine that crashed or hung in a race, given the rows of the race."""
-    lost = [r for r in races if r.get("engine") and r.get("integrator") is None]  # rows of an engine as a whole name no setting
+    lost = [r for r in races if r.get("engine") and r.get("integrator") is None]  # rows of whole engines name no setting
     return {r["engine"]: {"status": r["status"], "message": r["message"]} for r in lost}
 
 
@@ -470,8 +469,8 @@ def row_of_authors(
 ) -> Row:
     """Return the row that compares the cheapest setting of an engine's authors with the cheapest setting of the suite.
 
-    Both meet the same requirement. Columns of the suite's setting begin with `our_`. The row has the ratio of the authors' time to
-    the suite's if both were timed. `start` has the first columns, which name linkage and requirement.
+    Both meet the same requirement. Names of columns of the suite's setting begin with `our_`. If both were timed, the row has the
+    ratio of the authors' time to the suite's. `start` has the first columns, which name linkage and requirement.
     """
     theirs = winner_row(start, wanted, engine, {way: x for way, x in ladders.items() if way in owners}, measured, part)
     ours = winner_row(start, wanted, engine, {way: x for way, x in ladders.items() if way not in owners}, measured, part)
@@ -523,7 +522,7 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
 
 
 def ratio_of(r: Row, own: Way, fastest: Sequence[Way], measured: Measured) -> Row:
-    """Return the columns of the time of the winner in a row, divided by that of our own fastest winner `own`.
+    """Return the columns of the ratio of the time of a row's winner to that of our own fastest winner `own`.
 
     The spread covers the spreads of all ratios of a setting that ties with the winner (the row's `ties`) to one that ties with
     `own` (`fastest`), because a repeated race may name any of these settings.

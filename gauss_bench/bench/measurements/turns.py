@@ -1,7 +1,7 @@
 """Measure the time of compiled kinematics: positions, velocities and accelerations of all links over whole turns of the crank.
 
-Errors are differences from the motion that Newton's method finds at every sample. For comparison, a method in numpy is timed too,
-which solves the linkage one group of links ("link unit") after the other.
+Errors are differences from the motion that Newton's method finds at every sample. For comparison, a method in numpy that solves one
+group of links ("link unit") after the other is timed too.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,7 +31,7 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def race_turns(linkage: str, scenario: str, part: Turns) -> Tables:
-    """Return a row for each of METHODS, the compiled method and the one in numpy: the time per position in a turn of the crank.
+    """Return a row for each of METHODS, the compiled one and that in numpy: the time per position in a turn of the crank.
 
     If a method crashes or hangs in one of the processes, its row has the reason.
     """
@@ -55,7 +55,7 @@ def turn_row(place: Row, part: Turns, method: str, measured: Measured) -> Row:
 
 
 def rate(times: Row) -> Row:
-    """Return the columns of the time per position [s] and its spread, and columns with their inverse, positions per second."""
+    """Return the columns of the time per position [s] and of its inverse, positions per second, each with its spread."""
     return times | {"rate": 1 / times["seconds"], "rate_low": 1 / times["seconds_high"], "rate_high": 1 / times["seconds_low"]}
 
 
