@@ -39,7 +39,7 @@ class Drift:
 def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
     """Return the largest absolute residual of the constraints at every sample, for positions, velocities and accelerations."""
     blocks = []
-    h = evaluator.constraints.holonomic  # number of rows that have a position level; they stand first
+    h = evaluator.constraints.holonomic  # number of rows that have a position level; they come first
     for start in range(0, len(trajectory.t), CHUNK):
         part = trajectory[start : start + CHUNK]
         rows = evaluator.constraints(part.t, part.q, part.v)

@@ -181,7 +181,7 @@ class History:
 
 @dataclass(frozen=True)
 class Caption:
-    """The sentences that stand beside the curves of a run.
+    """The texts that are shown beside the curves of a run.
 
     Attributes:
         title, how: linkage and scenario; engine, integrator and step.

@@ -38,7 +38,7 @@ def read_bytes(path: Path, most: int) -> bytes:
     """Return the content of a regular file of at most `most` bytes; never block, as opening a pipe would.
 
     Raises:
-        OSError: the file cannot be opened, is no regular file, or is larger than `most` bytes.
+        OSError: the file cannot be opened, is not a regular file, or is larger than `most` bytes.
     """
     # O_NONBLOCK: opening a pipe without a writer would block; O_NOCTTY: a terminal would become the controlling one
     careful = os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC

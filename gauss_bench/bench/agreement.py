@@ -71,7 +71,7 @@ class Answer:
     """The accelerations of an engine at the states of a probe, compared with the suite's own accelerations.
 
     Attributes:
-        off: largest error of the accelerations, relative to the largest one of the state; NaN if the engine gave none.
+        off: largest error of the accelerations, relative to a state's largest acceleration; NaN if the engine gave none.
         along: |N^T (M a - Q)| relative to |N^T Q|, where the columns of N are the motions that the constraints leave free: the
             error of the equations of motion without the constraint forces; NaN if the engine gave no accelerations.
         gamma: smallest fraction of gamma that a row of J a contains; the constraints require J a = gamma.
@@ -106,7 +106,7 @@ class Answer:
 
 
 def explain_size(error: float) -> str:
-    """Return a sentence if a relative error is as large as those of single precision, else an empty text."""
+    """Return a sentence if a relative error is as large as in single precision, else an empty text."""
     least, most = SINGLE
     if not least < error <= most:
         return ""
@@ -114,7 +114,7 @@ def explain_size(error: float) -> str:
 
 
 def ask(subject: Subject, choice: Choice, known: Probe) -> Answer:
-    """Ask an engine for its accelerations at the states of a probe, and return their errors, or the reason why it has none."""
+    """Ask an engine for its accelerations at the states of a probe, and return their errors, or why there are none."""
     question = partial(accelerations, known.t, known.q, known.v)
     run = subject.perform(known.mechanism, choice, ONE_STEP, question, known.a.size)
     if is_excusable(subject, choice, run, known.mechanism):

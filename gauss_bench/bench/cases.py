@@ -104,7 +104,7 @@ def cross(
 def adapt_cases(chosen: Sequence[Case], until: float | None = None, steps: Sequence[float] | None = None) -> list[Case]:
     """Return the cases of a suite with the end and the steps [s] that a user gives in place of the suite's, without duplicates.
 
-    If the user gives no end, a case ends when its suite says or, if no suite lists the scenario, at the end of the scenario.
+    If the user gives no end, a case ends as its suite states or, if its scenario is not LISTED, at the end of the scenario.
 
     Raises:
         ChoiceError: the end or a step cannot be used.

@@ -35,7 +35,7 @@ from gauss_bench.trajectory import Failure, RunFailure, Status
 SLOW, SLOW_ROUNDS = 0.1, 4  # [s] a block that takes longer runs in the first rounds only: all rounds would take minutes
 CERTAIN = 0.99  # probability that the result of a repeated race falls within a spread
 RESAMPLES = 200  # resamplings of the rounds, for the spread of a ratio
-NO_KEY = None  # key of a block until a race sets its key
+NO_KEY = None  # key of a block until a race sets it
 
 Row = dict[str, Any]
 

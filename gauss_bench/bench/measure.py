@@ -35,7 +35,7 @@ NO_REFERENCE = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # raised fo
 
 @lru_cache(maxsize=8)
 def mechanism_of(linkage: str, scenario: str) -> Mechanism:
-    """Return a linkage, given by name or path, in a scenario; "" stands for the first one that has a start."""
+    """Return a linkage, given by name or path, in a scenario; "" is the first scenario that has a start."""
     return load(linkage, scenario or None)
 
 
@@ -60,7 +60,7 @@ def reference_of(linkage: str, scenario: str, t_end: float, store: str) -> Refer
 
 @lru_cache(maxsize=4)
 def reference_or_reason(linkage: str, scenario: str, t_end: float, store: str) -> Reference | str:
-    """Return the reference as `reference_of` does, or the reason why there is none; both are cached, because both take long."""
+    """Return the reference as `reference_of` does, or the reason why there is none; both are cached, because they take long."""
     try:
         return reference_of(linkage, scenario, t_end, store)
     except NO_REFERENCE as error:
@@ -70,9 +70,9 @@ def reference_or_reason(linkage: str, scenario: str, t_end: float, store: str) -
 def measure(case: Case, store: str, alter: Alteration = leave_unaltered, limit: float = CASE_LIMIT, posed: bool = False) -> Tables:
     """Run a case and judge the run; return its row of results, and the rows of curves and poses for the report.
 
-    The run is repeated with finer steps to estimate its errors, unless a reference is exact enough to judge it and the velocities
-    and accelerations of the run are derivatives of its positions. The engine is also asked for its accelerations at states whose
-    accelerations are known, if there are such states.
+    The run is repeated with finer steps to estimate its errors, unless a reference is exact enough to judge the run, and the run's
+    velocities and accelerations are derivatives of its positions. The engine is also asked for its accelerations at states whose
+    accelerations are known, if there are any.
 
     Args:
         store: folder of references.

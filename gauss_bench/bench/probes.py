@@ -116,7 +116,7 @@ class Probe:
 
 
 def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
-    """Return the smallest share c of the velocity term in a row of J a, by the fit of `share_of_gamma`; 1 if none can be judged.
+    """Return the smallest share c of the velocity term in a row of J a, by the fit of `share_of_gamma`; 1 if no row can be judged.
 
     Args:
         extra, forces: J a - gamma and the constraint forces f, (k, m) each, for m constraint rows at k states.

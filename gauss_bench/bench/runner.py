@@ -47,7 +47,7 @@ def modules() -> list[ModuleType]:
 
 
 def list_tasks(function_name: str, *arguments: Any) -> list[Task]:
-    """Return the tasks that the function with this name returns, of every measurement module that has such a function."""
+    """Return the tasks that the functions with this name return, in all measurement modules that have one."""
     functions = [getattr(module, function_name) for module in modules() if hasattr(module, function_name)]
     return [task for function in functions for task in function(*arguments)]
 

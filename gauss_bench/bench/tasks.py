@@ -126,7 +126,7 @@ def count_with_progress(count: int, label: str) -> Iterator[int]:
 
 
 def gather(answers: Iterable[Tables]) -> Tables:
-    """Merge several maps table -> rows into one, in their order."""
+    """Merge several maps table -> rows into one, in the given order."""
     tables: Tables = {}
     for answer in answers:
         for name, rows in answer.items():

@@ -80,7 +80,7 @@ def loop_of(way: Way) -> str:
 def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
     """Return a setting as a `Choice` for a run that ends at `until` [s].
 
-    If the integrator is `adaptive`, the size becomes the tolerance, and the step is the whole duration, which is no limit.
+    If the integrator is `adaptive`, the size becomes the tolerance, and the step is the whole duration, so that it sets no limit.
     """
     if adaptive:
         return Choice(way.settings, way.integrator, way.stabilization, step=until, tolerance=way.size)

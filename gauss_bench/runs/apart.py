@@ -125,7 +125,7 @@ _kept: dict[tuple[object, ...], Model] = {}  # the one model that this process k
 
 
 def outcome_of(answer: object) -> Outcome:
-    """Return the outcome that a worker's answer describes; an answer that describes none becomes an outcome with status ERROR."""
+    """Return the outcome that a worker's answer describes; its status is ERROR if the answer is not valid."""
     match answer:
         case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
             numbers = rest.get("answer")
@@ -137,7 +137,7 @@ def outcome_of(answer: object) -> Outcome:
 
 
 def _trajectory(x: object) -> Trajectory | None:
-    """Return a value of an answer as a trajectory, or None if the value is no trajectory."""
+    """Return a value of an answer as a trajectory, or None if it is not one."""
     match x:
         case {"steps": int() | None as steps, "evaluations": int() | None as evaluations, "note": str(note), **arrays}:
             samples = [y for key in ("t", *LEVELS) if isinstance(y := arrays.get(key), np.ndarray)]

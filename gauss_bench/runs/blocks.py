@@ -63,7 +63,7 @@ class Block:
 def calls_block(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
     """Return a timing block that repeats a call, which is `work` repetitions of the timed work, for about BLOCK seconds."""
     call()  # code may be generated or cached in the first call
-    shortest = max(1e-8, min(measure_seconds(call) for _ in range(3)))  # [s] of three calls; the clock may give 0
+    shortest = max(1e-8, min(measure_seconds(call) for _ in range(3)))  # of three calls [s]; the clock may give 0
     count = max(1, math.ceil(BLOCK / shortest))
 
     def calls() -> None:
@@ -103,7 +103,7 @@ def accelerations_block(entry: Hashable, q: Array, v: Array, model: Model) -> Bl
 def run_block(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
     """Return a timing block that repeats a run over sample times (k,) [s] until it has taken about BLOCK seconds.
 
-    The sample times cover the fraction `share` of a whole run; the time that the block measures is that of the whole run.
+    The sample times cover the fraction `share` of a whole run; the measured time is extrapolated to the whole run.
 
     Raises:
         RunFailure: the run fails.
@@ -120,7 +120,7 @@ def lead_block(entry: Hashable, choice: Choice, until: float, steps: int, lead: 
     """Return a timing block that runs only the first part of a run, about `lead` [s] of processor time long.
 
     The whole run has `steps` equal steps and ends at t = `until` [s]. The length of the part is estimated from the time of the
-    first steps. The time that the block returns is that of the whole run.
+    first steps. The measured time is extrapolated to the whole run.
     """
     first = min(steps, FIRST) / steps  # fraction of the run
     block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)

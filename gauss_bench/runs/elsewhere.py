@@ -2,7 +2,7 @@
 
 The worker imports this package from the path of this file, because the package is not installed in the other environment; the
 worker can import no other package of this environment. If the interpreter cannot run a worker (too old, or no numpy), the program
-prints the reason in one sentence and exits with EX_CONFIG. Old interpreters must be able to parse this file: it needs Python 3.6.
+prints the reason in one sentence and exits with EX_CONFIG. Old interpreters, from Python 3.6 on, must be able to parse this file.
 """
 
 import importlib.util

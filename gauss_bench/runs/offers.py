@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines import COMPILED, ELSEWHERE, OWN, all_names, environment_of, get, is_class, not_installed, unknown
-from gauss_bench.engines import SAFE as SAFE  # where others look for it
+from gauss_bench.engines import SAFE as SAFE  # re-exported
 from gauss_bench.engines.base import CHOSEN, NOT_TOLD, Choice, Variant, ask, has_own, list_lacking
 from gauss_bench.engines.own_options import OptionError, OptionTable, is_assignment
 from gauss_bench.mechanism.model import Mechanism
@@ -55,7 +55,7 @@ class Offer:
         unfinished: variants whose solver stops before it has converged -> cause.
         native_loop, python_loop: as in engines.base.
         methods: those of METHODS that the engine has.
-        library_calls: names of the calls of its library that are timed alone.
+        library_calls: names of the calls of its library that can be timed.
         packages: package -> version, of the packages that the engine names for the provenance of a run.
         environment: version and path of the engine's interpreter if it has an environment of its own, else empty.
         status, reason: OK, or the reason why the engine cannot be used.
@@ -388,7 +388,7 @@ def check_size(step: float, t_end: float) -> None:
     Raises:
         ChoiceError: the run is too large; the message states its number of steps or samples.
     """
-    with np.errstate(all="ignore"):  # tiny steps give infinitely many
+    with np.errstate(all="ignore"):  # tiny steps overflow
         steps, samples = np.float64(t_end) / np.float64(step), np.float64(t_end) / np.float64(max(step, SPACING))
     if not steps <= MOST_STEPS:
         raise ChoiceError(f"{steps:.2g} steps of {step:g} s up to {t_end:g} s; at most {MOST_STEPS:.0e} are allowed")
@@ -427,7 +427,7 @@ def check_budget(seconds: float | None, usual: float) -> float:
     """Return the longest time [s] that one case may take: the user's or, if the user gives none, the `usual` one.
 
     Raises:
-        ChoiceError: the user's budget is no positive time.
+        ChoiceError: the user's budget is not positive and finite.
     """
     if seconds is None:
         return usual

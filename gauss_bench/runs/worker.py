@@ -1,6 +1,6 @@
 """A worker process for code that may crash or hang: it calls functions and returns their results, or the reason for a failure.
 
-Tasks are pickled for the worker. Answers are never unpickled, because a task may run code of others: an answer is JSON, in which
+Tasks are pickled for the worker. Answers are never unpickled, because a task may run foreign code: an answer is JSON, in which
 each array is replaced by its type and shape, followed by the bytes of the arrays. Each task has a random token, with which its
 answer must begin. The parent refuses another token and an answer larger than its caller expects, and decoded arrays never take more
 memory than the bytes of the answer. The worker's standard output goes to its error stream, whose last line is quoted when it dies;
@@ -242,7 +242,7 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
     Raises:
         TimeoutError: the limit is exceeded.
         EOFError: the process died.
-        NoAnswer: the data in the pipe are no answer to the task, or more than `largest` bytes.
+        NoAnswer: the data in the pipe do not answer the task, or are more than `largest` bytes.
     """
     assert process.stdout is not None
     descriptor = process.stdout.fileno()
@@ -425,7 +425,7 @@ def unpack_answer(content: bytes) -> Any:
     """Return the answer that `pack_answer` wrote.
 
     Raises:
-        NoAnswer: the bytes are no answer.
+        NoAnswer: the bytes are not a valid answer.
     """
     if len(content) < LENGTH.size:
         raise NoAnswer("it is too short")

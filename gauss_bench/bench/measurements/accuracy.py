@@ -65,7 +65,7 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def in_order(row: dict[str, Any]) -> tuple[Any, ...]:
-    """Return the values by which rows are sorted: those of their key columns, with larger steps first."""
+    """Return the sort key of a row: the values of its key columns, with larger steps first."""
     return (*(row[k] for k in KEY[:6]), -row["step"], row["t_end"])
 
 

@@ -1,8 +1,9 @@
 """Time all engines on a linkage side by side, and fill in the cost columns of the results.
 
-These quantities of each engine are timed, in each combination of settings, integrator and stabilisation:
+These quantities of each engine are timed, steps in each combination of settings, integrator and stabilisation, and the others with
+the first integrator and no stabilisation:
 
-    build           a model and its first step, with all generated code stored
+    build           a model and its first step, with all generated code already stored
     acceleration    an acceleration, called from Python
     step            a step, called from Python
     native_step     a step in the engine's own loop
@@ -154,7 +155,7 @@ def time_first_step(linkage: str, scenario: str, engine: str, step: float, quant
 
 
 def gather_by_linkage(tables: Tables) -> dict[tuple[Any, ...], Measured]:
-    """Return (mechanism, scenario) -> the results of its races."""
+    """Return (mechanism, scenario) -> the results of the races there."""
     places = group_by([*tables.get("samples", []), *tables.get("untimed", [])], "mechanism", "scenario")
     # rows without a quantity are left out: they belong to races that failed as a whole
     return {place: gather_rounds(r for r in rows if "quantity" in r) for place, rows in places.items()}

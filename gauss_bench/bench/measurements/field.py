@@ -120,7 +120,7 @@ def complete(suite: Suite, tables: Tables) -> None:
     """
     rows = tables.get("field", [])
     for part in suite.field:
-        redundant = [load(*place).name for place in part.redundant.items()]  # the first one counts
+        redundant = [load(*place).name for place in part.redundant.items()]  # the first one is used
         for linkage, scenario in part.linkages.items():
             place = place_of(load(linkage, scenario or None))
             skipped = {"status": str(Status.SKIP), "settings": "", "integrator": "", "stabilization": "", "step": part.step}

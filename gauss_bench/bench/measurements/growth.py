@@ -38,7 +38,7 @@ MOMENT = "0.5"  # [s] time of the state in the closed form
 STEP = 1e-6  # [s] step of the kernels, so short that they stay near the state
 LOOPED = 1000  # steps in one call, so many that the cost of the call is negligible
 LOOP, CALLED, IMPLICIT = "in its own loop", "called from Python", "one implicit step"
-# library -> the largest size at which it is timed, and the reason of this limit
+# library -> the largest size at which it is timed, and the reason for this limit
 SIZE_LIMITS = {"pinocchio": (64, "building and checking the model takes more than a minute")}
 
 
