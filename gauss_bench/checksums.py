@@ -20,7 +20,7 @@ class ChangedRows(BadInput, ValueError):
 
 
 def read_checksums(folder: Path) -> dict[str, str]:
-    """Return path of a table, relative to the folder -> its checksum; empty for a folder without checksums.
+    """Return {path of a table relative to the folder: its checksum}; empty for a folder without checksums.
 
     Raises:
         ChangedRows: the list of checksums is damaged.

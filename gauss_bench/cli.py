@@ -23,7 +23,7 @@ from gauss_bench.api.telling import cancel_sentences, plain, render, tell, tell_
 from gauss_bench.untrusted import BadInput, harmless
 
 BAD_INPUT, OWN_FAULT, NO_OUTPUT, INTERRUPTED = 2, 70, 74, 130  # exit codes; 70 and 74 as in sysexits.h, 130 as shells have it
-EPOCH, LONGEST_EPOCH = "SOURCE_DATE_EPOCH", 12  # libraries write the time [s] in this variable into files; most digits of it
+EPOCH, LONGEST_EPOCH = "SOURCE_DATE_EPOCH", 12  # libraries write this variable, a time [s], into files; largest number of digits
 LEAST_MEMORY = 700 << 20  # bytes of address space: with less, the import of OpenBLAS may hang
 SHOWN = 40  # characters of a faulty argument that a message quotes
 FILES = "gauss_bench.api.files:check_files"

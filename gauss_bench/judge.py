@@ -24,7 +24,7 @@ from gauss_bench.trajectory import Reference, Trajectory, finite, in_a_sentence
 # Limits are fractions of the linkage's size for lengths, radians for angles, and fractions of the largest speed for speeds.
 OFF_TIME = 1e-9  # [s] distance of a sample from its time: far more than rounding, far less than a step
 OFF_START = 1e-5  # gap between the first sample and the start: single precision and assembly by an engine are more exact
-OFF_DRIFT = 1e-2  # gap of open loops, at most 1e-2 m or rad: with a larger gap, the linkage is another one
+OFF_DRIFT = 1e-2  # gap of open loops, at most 1e-2 m or rad: a larger gap makes another linkage
 OFF_ENERGY = 1e-2  # fraction of `Evidence.energy_scale`: corresponds to 0.5 % of all speeds; small steps lose less
 OFF_ACCELERATION = 1e-2  # fraction of the largest acceleration: an engine 1 % off at the same state solves another problem
 OFF_MOTION = 5e-2  # error of positions and angles: a link turned by this angle has its far end off by 5 % of its length

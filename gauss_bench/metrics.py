@@ -351,7 +351,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
 
 
 def energy_rounding(energy: Array) -> float:
-    """Return the change of energies (k,) [J] that rounding can cause: 8 units in the last place of 1 J + the largest |energy|."""
+    """Return the change of energies (k,) [J] that rounding can cause: 8 units in the last place of (1 J + largest |energy|)."""
     return 8 * float(np.finfo(float).eps) * (1.0 + largest(energy))
 
 
@@ -469,7 +469,7 @@ def relative_acceleration_error(a: Array, true: Array) -> Array:
 def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
     """Return the order of convergence p (k,) of error ~ step^p, from each of k runs and the run before it.
 
-    Steps decrease. The order is NaN for the first run, and where the error of one of the two runs is not finite or at most ten
+    `steps` must decrease. The order is NaN for the first run, and where the error of one of the two runs is not finite or at most ten
     times its floor, the error of the reference.
     """
     order = np.full(len(steps), np.nan)

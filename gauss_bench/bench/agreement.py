@@ -114,7 +114,7 @@ def explain_size(error: float) -> str:
 
 
 def ask(subject: Subject, choice: Choice, known: Probe) -> Answer:
-    """Ask an engine for its accelerations at the states of a probe, and return their errors, or why there are none."""
+    """Ask an engine for its accelerations at the states of a probe, and return their errors, or why it gives none."""
     question = partial(accelerations, known.t, known.q, known.v)
     run = subject.perform(known.mechanism, choice, ONE_STEP, question, known.a.size)
     if is_excusable(subject, choice, run, known.mechanism):

@@ -9,7 +9,7 @@ the interval between the coarsest size that meets a requirement and the next coa
 
 Then settings that meet the requirement race: in a first process those whose estimated cost is at most NEAR times the least, and in
 further processes those whose time in the first process is at most CLOSE times the shortest. If several settings tie with the
-fastest (`ties_with`), the first one in the engine's file wins. A repeated search names the same winner, or another that tied.
+fastest (`ties_with`), the first one in the engine's file wins. A repeated search names the same winner or another tied setting.
 """
 
 import math

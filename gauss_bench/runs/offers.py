@@ -388,7 +388,7 @@ def check_size(step: float, t_end: float) -> None:
     Raises:
         ChoiceError: the run is too large; the message states its number of steps or samples.
     """
-    with np.errstate(all="ignore"):  # tiny steps overflow
+    with np.errstate(all="ignore"):  # the quotients overflow for tiny steps
         steps, samples = np.float64(t_end) / np.float64(step), np.float64(t_end) / np.float64(max(step, SPACING))
     if not steps <= MOST_STEPS:
         raise ChoiceError(f"{steps:.2g} steps of {step:g} s up to {t_end:g} s; at most {MOST_STEPS:.0e} are allowed")

@@ -70,7 +70,7 @@ def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING
     are sample times too, so that only the two steps between them are shorter.
     """
     last = max(at)
-    neighbours = []  # multiples of the step on both sides of a time that is not one
+    neighbours = []  # the multiples of the step before and after each other time
     for x in at:
         if not _is_multiple(x, step):
             neighbours += [k * step for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
@@ -78,7 +78,7 @@ def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING
 
 
 def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
-    """Return a sampling at exactly these times, the first of which is the start; steps to times off the multiples are shorter."""
+    """Return a sampling at exactly these times, the first of which is the start; steps to times between multiples are shorter."""
     return _sample(step, np.asarray(times, dtype=float), [])
 
 

@@ -21,7 +21,7 @@ from gauss_bench.runs.one_run import Asked
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_evenly
 
-SHIFT = 1e-14  # relative change of a start; it acts like rounding errors
+SHIFT = 1e-14  # relative change of a start, to show the effect of rounding errors
 COMPONENTS = 3  # of a joint force: fx, fy and the moment
 FORCED = 20  # states at which an engine is asked for its own joint forces
 SUBSTEPS = 5  # steps between two times in `follow_accelerations`, enough unless loops are stiff

@@ -35,7 +35,7 @@ TIGHTER, SMALLEST_TOLERANCE = 100.0, 1e-14  # divisor of the relative tolerance 
 A_PERIOD = 8  # samples in a period: the integral of a sine through them has an error of 1e-3
 LEAST = 100  # fewest samples of a run: motions may reverse as often in a short run as in a long one
 MOST = 200_000  # most samples of a run with a spacing below SAMPLING: half a GiB for a large linkage
-MOVED = 1e-6  # step of difference quotients of positions [m, rad] and velocities, well above rounding and below curvature
+MOVED = 1e-6  # step of difference quotients of q and v: large compared with rounding, small compared with curvature
 FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 
 

@@ -114,7 +114,7 @@ class Worker:
         Raises:
             WorkerFailure: the interpreter cannot be started.
         """
-        process = self.process  # a copy, because another thread may stop the process meanwhile
+        process = self.process  # local, because another thread may set it to None meanwhile
         if process is None or process.poll() is not None:
             environment = os.environ | dict.fromkeys(THREADS, "1")
             environment |= {MARK: self.mark, MOST_MEMORY: str(self.interpreter.memory)}

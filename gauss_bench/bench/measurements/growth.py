@@ -36,7 +36,7 @@ from gauss_bench.trajectory import RunFailure, Status
 
 MOMENT = "0.5"  # [s] time of the state in the closed form
 STEP = 1e-6  # [s] step of the kernels, so short that they stay near the state
-LOOPED = 1000  # steps in one call, so many that the cost of the call is negligible
+LOOPED = 1000  # steps in one call, enough that the cost of the call is negligible
 LOOP, CALLED, IMPLICIT = "in its own loop", "called from Python", "one implicit step"
 # library -> the largest size at which it is timed, and the reason for this limit
 SIZE_LIMITS = {"pinocchio": (64, "building and checking the model takes more than a minute")}
@@ -137,7 +137,7 @@ def make_blocks(name: str, contender: Contender, size: int, state: ExactState) -
 
 
 def pick_block(blocks: Callable[[], list[Block]], k: int) -> Block:
-    """Return block number k of the blocks of a contender, all of which the first call of `blocks` makes."""
+    """Return block number k of a contender; the first call of `blocks` makes all blocks of the contender."""
     return blocks()[k]
 
 

@@ -3,8 +3,7 @@
 For one trajectory, the bound is the length of a cycle times the cycles of the longest sequence of dependent operations from one
 iteration of the compiled loop to the next, at the latencies that the code generator assumes. For many trajectories, it is the
 number of operations of a step divided by the peak rate of the processor. Both properties of the processor are measured in the race
-of the engines. No code reaches the peak rate: most operations cannot be fused, and a division takes as long as eight additions or
-more.
+of the engines. No code reaches the peak rate: most operations cannot be fused, and divisions take eight times as long or more.
 
 Source: Hennessy and Patterson, Computer Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
 """

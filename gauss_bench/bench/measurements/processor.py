@@ -28,7 +28,7 @@ TURNS = 2_000  # iterations of the loop in one call
 TEMPLATE = Path(__file__).parent / "chain.ll.jinja"
 PROCESSOR = "processor"
 LATENCY_KEY, RATE_KEY = Key("latency", PROCESSOR, "", "", ""), Key("rate", PROCESSOR, "", "", "")
-FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")  # columns of the machine's table
+FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")  # on the machine, for the table
 
 
 def chain_text(chains: int, links: int, lanes: int) -> str:

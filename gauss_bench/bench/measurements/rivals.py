@@ -21,7 +21,7 @@ from gauss_bench.suites.schema import RightHandSide, Steps, Suite
 
 LOOP, CALLED = "in its own loop", "called from Python"
 AS_CALLED, NET = "as called", "less the call"
-LEAST = 1e-9  # [s] least time of a right-hand side: the rival's time less the call could be negative by noise
+LEAST = 1e-9  # [s] least time of a right-hand side: the rival's time less the call could be negative because of noise
 
 
 def complete(suite: Suite, tables: Tables) -> None:

@@ -315,7 +315,7 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
 def race_apart(
     run: Run, part: Search, racers: Sequence[Racer], rounds: int, lost: Collection[str] = (), lead: float | None = None
 ) -> tuple[Rows, dict[str, WorkerFailure]]:
-    """Race settings in a new process: time runs, or at most their first `lead` [s], or single steps if `lead` is None.
+    """Race settings in a new process: time runs, each for at most its first `lead` [s], or single steps if `lead` is None.
 
     Engines in `lost`, which crashed or hung in an earlier race, are left out. Return the rows of `race_here`, and engine ->
     failure for each engine that crashed or hung in this race.
