@@ -469,8 +469,8 @@ def relative_acceleration_error(a: Array, true: Array) -> Array:
 def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
     """Return the order of convergence p (k,) of error ~ step^p, from each of k runs and the run before it.
 
-    `steps` must decrease. The order is NaN for the first run, and where the error of one of the two runs is not finite or at most ten
-    times its floor, the error of the reference.
+    `steps` must decrease. The order is NaN for the first run, and where the error of one of the two runs is not finite or at most
+    ten times its floor, the error of the reference.
     """
     order = np.full(len(steps), np.nan)
     usable = (errors > 10 * floors) & np.isfinite(errors)

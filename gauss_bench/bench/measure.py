@@ -60,7 +60,7 @@ def reference_of(linkage: str, scenario: str, t_end: float, store: str) -> Refer
 
 @lru_cache(maxsize=4)
 def reference_or_reason(linkage: str, scenario: str, t_end: float, store: str) -> Reference | str:
-    """Return the reference as `reference_of` does, or the reason why there is none; both are cached, because they are slow to find."""
+    """Return the reference as `reference_of` does, or the reason why there is none; both are cached, as both take long."""
     try:
         return reference_of(linkage, scenario, t_end, store)
     except NO_REFERENCE as error:
