@@ -26,7 +26,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_evenly
 
 LONGEST = 60.0  # [s] processor time of a repetition; only the first part of a longer run is repeated
-LARGEST = 40  # most degrees of freedom for which modes are computed: with more, it takes too long
+LARGEST = 40  # degrees of freedom beyond which modes are not computed, because they would take too long
 LOOKED_AT = 5  # states whose modes are computed; the median counts, because one state may be near a singular position
 VAGUE = 0.1  # a reference cannot decide if its error bar exceeds this fraction of the error that the judge allows
 RELATIVE = re.compile(r"rtol|reltol|relative_tolerance")  # names of options for the relative tolerance of an integrator
@@ -35,7 +35,7 @@ TIGHTER, SMALLEST_TOLERANCE = 100.0, 1e-14  # divisor of the relative tolerance 
 A_PERIOD = 8  # samples in a period: the integral of a sine through them has an error of 1e-3
 LEAST = 100  # fewest samples of a run: motions may reverse as often in a short run as in a long one
 MOST = 200_000  # most samples of a run with a spacing below SAMPLING: half a GiB for a large linkage
-MOVED = 1e-6  # step of difference quotients of q and v: large compared with rounding, small compared with curvature
+MOVED = 1e-6  # [rad, m] for difference quotients: large compared with rounding, small compared with curvature
 FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 
 
