@@ -346,14 +346,17 @@ def trusted_until(
 
 
 def advice(objections: tuple[Objection, ...], step: float, stabilized: bool, adaptive: bool = False) -> str:
-    """Return advice on how to make an invalid run valid, or an empty text; `step` [s] is that of a run with equal steps."""
+    """Return advice on how to make an invalid run valid; `step` [s] is that of a run with equal steps.
+
+    It is empty if the objections say all: missing samples or numbers, or a motion that is off but for no reason found here.
+    """
     subjects = {x.subject for x in objections}
     if Subject.MODEL in subjects:
-        smaller = "a tighter tolerance" if adaptive else f"a step smaller than {step:g} s"
-        mended = f"{smaller} mends accelerations that an engine takes from its steps"
-        return f"do not trust it; {mended}; else look for another engine or setting"
+        finer = "a tighter tolerance" if adaptive else f"a step smaller than {step:g} s"
+        remedy = f"{finer} mends accelerations that an engine takes from its steps"
+        return f"do not trust it; {remedy}; else look for another engine or setting"
     if not subjects & {Subject.LOOPS, Subject.ENERGY, Subject.STIFFNESS, Subject.STEP}:
         return "do not trust it" if subjects & {Subject.START, Subject.RATES, Subject.REPETITION} else ""
-    smaller = "ask for a tighter tolerance" if adaptive else f"take a step smaller than {step:g} s"
-    project = Subject.LOOPS in subjects and not stabilized
-    return f"do not trust it; {smaller}, or stabilization projection" if project else f"do not trust it; {smaller}"
+    remedy = "ask for a tighter tolerance" if adaptive else f"take a step smaller than {step:g} s"
+    may_project = Subject.LOOPS in subjects and not stabilized
+    return f"do not trust it; {remedy}, or stabilization projection" if may_project else f"do not trust it; {remedy}"

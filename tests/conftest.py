@@ -20,7 +20,7 @@ from gauss_bench.engines import FILE, environment_of
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.model import AngleDriver, Mechanism, SlideDriver
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.runs.worker import keep
+from gauss_bench.runs.worker import get_worker
 
 DATA = Path(__file__).parent / "data"
 TIMED = ("slow", "long")  # marks of tests that take time; one with arguments marks the cases of these ids alone
@@ -152,7 +152,7 @@ def elsewhere(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytes
     path.write_text(f'[{name}]\npython = "{environment.python}"\n', encoding="utf-8")
     monkeypatch.setenv(FILE, str(path))
     monkeypatch.setattr("gauss_bench.runs.offers._known", {})
-    keep(name).stop()  # its process may have another file of engines
+    get_worker(name).stop()  # its process may have another file of engines
     return environment.python
 
 

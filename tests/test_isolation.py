@@ -45,7 +45,7 @@ def ask(name):
 
 one = Lasting()
 atexit.register(Worker.stop, one)
-simulate.keep = apart.keep = offers.keep = lambda engine: one
+simulate.get_worker = apart.get_worker = offers.get_worker = lambda engine: one
 offers.LIMIT = 5.0
 print(json.dumps({name: ask(name) for name in sys.argv[1:]}))
 """

@@ -1,9 +1,9 @@
 """A reference for any motion within seconds: runs with equal steps, which are halved until the motion changes little.
 
-The integrator has order eight, with the equations of the suite's own formulation, first in numpy, and compiled if more steps are
-needed. Of a pair of runs with a step and with half the step, the finer run is the reference, and the difference between both is its
-error bar. Accelerations are compared with those in numpy, which reveals an error in the compiled equations, and the motion with its
-certificate, if there is one. Between samples, positions are polynomials of degree five.
+An integrator of order eight solves the equations of the suite's own formulation, first in numpy and, if more steps are needed, as
+compiled code. Of a pair of runs with a step and with half the step, the finer run is the reference, and the difference between both
+is its error bar. Accelerations are compared with those in numpy, which reveals an error in the compiled equations, and the motion
+with its certificate, if there is one. Between samples, positions are polynomials of degree five.
 """
 
 import math

@@ -22,7 +22,7 @@ from gauss_bench.linkage.load import built_in, load
 from gauss_bench.reach import ABSENT
 from gauss_bench.runs.apart import find_unbuilt
 from gauss_bench.runs.offers import Offer, offers
-from gauss_bench.runs.worker import THREADS, WorkerFailure, keep
+from gauss_bench.runs.worker import THREADS, WorkerFailure, get_worker
 from gauss_bench.trajectory import Status
 
 TRIED, ENGINE_LIMIT = "crank_slider", 60.0  # linkage and time limit [s] of the trial run, which may include compiling C code
@@ -139,8 +139,8 @@ def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
         try:
             if lacking := _find_lacking(offer, choices):
                 yield Finding(name, "none", "missing", lacking)
-            elif unbuilt := find_unbuilt(offer.name, [x.settings for x in choices], keep(offer.name)):
-                yield Finding(name, "not built yet", "missing", f"a search builds {unbuilt}, and so does a run with its settings")
+            elif unbuilt := find_unbuilt(offer.name, [x.settings for x in choices], get_worker(offer.name)):
+                yield Finding(name, "not built yet", "missing", f"the first search or run that needs {unbuilt} builds it")
             else:
                 yield Finding(name, "built")
         except WorkerFailure as failure:

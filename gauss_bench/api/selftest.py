@@ -1,4 +1,4 @@
-"""The self-test, which plants faults in the suite: the object that `gauss-bench selftest --json` prints."""
+"""Run the self-test, which plants faults in the suite; its result is the object that `gauss-bench selftest --json` prints."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -30,7 +30,7 @@ from gauss_bench.runs.scrutiny import (
     sample_spacing,
     warn_of_forcing,
 )
-from gauss_bench.runs.worker import keep
+from gauss_bench.runs.worker import get_worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Caption, Reference, Status, Trajectory
 
@@ -336,7 +336,7 @@ def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: flo
     A run is not repeated if the motion is certified, and velocities and accelerations agree with the changes of the positions.
     """
     reference, finer = None, None
-    worker = keep(request.engine)  # the worker that already described the engine
+    worker = get_worker(request.engine)  # the worker that already described the engine
     try:
         run = run_of(request, mechanism, limit, worker)
         samples = run.samples

@@ -20,7 +20,7 @@ from gauss_bench.runs.apart import build_first
 from gauss_bench.runs.offers import offers
 from gauss_bench.runs.one_run import Run
 from gauss_bench.runs.questions import accelerations, run_before
-from gauss_bench.runs.worker import keep
+from gauss_bench.runs.worker import get_worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
@@ -46,7 +46,7 @@ def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) 
     if not offer.usable:
         return [described]
     build_first(name, offer.settings, told)
-    worker = keep(name)  # its process has imported the engine already
+    worker = get_worker(name)  # its process has imported the engine already
     try:
         subject, checks = Subject(offer, worker, told), [described]
         for check in CHECKS:

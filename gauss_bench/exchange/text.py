@@ -16,7 +16,7 @@ main accelerate rollout names start end step none rows every"""
 
 
 def xml_comment(lines: Iterable[str]) -> str:
-    """Return the lines as the content of an XML comment, which must not contain two hyphens in a row."""
+    """Return the lines as the content of an XML comment, which must not contain two hyphens in a row, nor end with one."""
     text = "\n".join(re.sub(r"-(?=-|$)", "- ", in_a_sentence(line)) for line in lines)
     return f"\n{text}\n"
 

@@ -33,7 +33,7 @@ from gauss_bench.mechanism.spaces import angle_at, angles, place_at
 from gauss_bench.terms import Array, largest
 
 STILL = 1e-9  # a relative motion below this share of the fastest motion in the linkage is rounding
-ZERO = 1e-12  # a rate below this share of the other rate is zero up to rounding
+ZERO = 1e-12  # a divisor below this share of its dividend is rounding, and counts as zero
 FARTHEST = 1e6  # a centre farther away than this many sizes of the linkage counts as infinitely far
 
 

@@ -44,7 +44,7 @@ def project(
         longest: largest allowed entry of a correction; a longer correction is scaled down.
     """
     for count in range(corrections + 1):
-        F, J = residual(q)
+        F, J = residual(q)  # also after the last correction: `Evaluator.project` uses the rows that its residual then has
         if count == corrections or stop_before(q, F, J):
             break
         step = shortest(J, F)

@@ -127,8 +127,8 @@ def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Arra
 
 def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> Levels:
     """Return q, v, a (k, n) at the times, integrated in the crank angle from the mechanism's start at times[0]."""
-    # two objects, because each searches a closed position from the last one that it found, and integration and sampling visit
-    # different positions
+    # two objects, because each starts its search for a closed position at the last one that it found, and integration and
+    # sampling visit different positions
     for_integration, for_samples = MinimalCoordinate(mechanism), MinimalCoordinate(mechanism)
     k = for_samples.crank
 

@@ -24,13 +24,13 @@ from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.offers import Offer, interpreter_of, offer
 from gauss_bench.runs.one_run import Run, ask_nothing, sampling_at
 from gauss_bench.runs.questions import accelerations, call_by_name, describe_python, shift_start
-from gauss_bench.runs.worker import Worker, WorkerFailure, keep
+from gauss_bench.runs.worker import Worker, WorkerFailure, get_worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
 MOVING, RESTING, MOTION, DRIFT = "accelerations in motion", "accelerations at rest", "motion over 1 s", "gaps of loops after 1 s"
 LIMIT = 20.0  # [s] time limit of one question
-BUDGET = 90.0  # [s] default of the time for all questions to one release
+BUDGET = 90.0  # [s] default time limit for all questions to one release together
 LONGEST = 160  # largest number of characters of a message
 FOLDERS = re.compile(r"(/[\w.+-]+)+/(?=[\w.+-]+)")  # the folders of a path, which differ between machines
 CASES = "release_cases"  # module of an engine's folder that builds probes and reads defaults
@@ -73,7 +73,7 @@ def ask_release(library: Library, release: Release, budget: float, told: Callabl
     begin = time.monotonic()
     answers = Answers(release.version, how=release.how)
     offered = offer(release.name)
-    keep(release.name).stop()  # the process that described the engine is no longer needed
+    get_worker(release.name).stop()  # the process that described the engine is no longer needed
     if not offered.usable:
         return replace(answers, status=str(offered.status), message=offered.reason)
     with Worker() as worker:

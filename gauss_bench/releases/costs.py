@@ -22,7 +22,7 @@ from gauss_bench.releases.environments import Release, second_name
 from gauss_bench.releases.library import Library
 from gauss_bench.runs.blocks import block_elsewhere, run_block
 from gauss_bench.runs.offers import interpreter_of
-from gauss_bench.runs.worker import keep
+from gauss_bench.runs.worker import get_worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Failure
 
@@ -84,7 +84,7 @@ def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[s
                     rounds.setdefault((version, count), []).append(measured.of((version, count)))
                 except Failure as failure:
                     failed[version] = str(failure)
-            keep(f"races in {interpreter_of(name).python}").stop()  # the next repetition starts a new process
+            get_worker(f"races in {interpreter_of(name).python}").stop()  # the next repetition starts a new process
     times = {}
     for version in entrants:
         if version not in failed:

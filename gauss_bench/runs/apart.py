@@ -17,7 +17,7 @@ from gauss_bench.engines.base import Choice, Model, ask
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import LIMIT, interpreter_of, is_isolated, offer
 from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, ask_nothing, one_run, receive
-from gauss_bench.runs.worker import Worker, WorkerFailure, keep
+from gauss_bench.runs.worker import Worker, WorkerFailure, get_worker
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
 
 TEXT = 1 << 20  # bytes for the texts of an answer, besides its arrays
@@ -66,7 +66,7 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
         keep_model: whether the process may keep its model for the next request.
     """
     if is_isolated(request.engine):
-        return run_apart(request, mechanism, limit, worker or keep(request.engine), keep_model)
+        return run_apart(request, mechanism, limit, worker or get_worker(request.engine), keep_model)
     return _run(request, mechanism, keep_model)
 
 

@@ -19,7 +19,7 @@ from gauss_bench.engines.base import Choice, LibraryCall, Model, ask
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import interpreter_of
 from gauss_bench.runs.one_run import measure_seconds
-from gauss_bench.runs.worker import WorkerFailure, keep
+from gauss_bench.runs.worker import WorkerFailure, get_worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
@@ -244,7 +244,7 @@ def _asking_there(engine: str) -> Callable[..., Any]:
     calling process.
     """
     interpreter = interpreter_of(engine)
-    worker = keep(f"races in {interpreter.python}").under(interpreter)
+    worker = get_worker(f"races in {interpreter.python}").under(interpreter)
 
     def ask_there(function: Callable[..., Any], *arguments: Any) -> Any:
         try:

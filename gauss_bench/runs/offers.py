@@ -19,7 +19,7 @@ from gauss_bench.engines import SAFE as SAFE  # re-exported
 from gauss_bench.engines.base import CHOSEN, NOT_TOLD, Choice, Variant, ask, has_own, list_lacking
 from gauss_bench.engines.own_options import OptionError, OptionTable, is_assignment
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.worker import MEMORY, Interpreter, Worker, WorkerFailure, keep
+from gauss_bench.runs.worker import MEMORY, Interpreter, Worker, WorkerFailure, get_worker
 from gauss_bench.trajectory import Status, in_a_sentence
 from gauss_bench.untrusted import BadInput
 
@@ -151,7 +151,7 @@ def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
     if not has_method(name, "in_python"):
         return NOT_TOLD
     try:
-        worker = keep(name).under(interpreter_of(name))
+        worker = get_worker(name).under(interpreter_of(name))
         return in_a_sentence(worker.call(in_python_there, (name, mechanism, choice), LIMIT))
     except WorkerFailure:
         return NOT_TOLD
@@ -218,7 +218,7 @@ def offers(wanted: Sequence[str] | None = None) -> list[Offer]:
         isolated = [name for name in not_asked if name not in SAFE]
         _known.update({name: describe(name) for name in not_asked if name in SAFE})
         if len(isolated) == 1:  # an engine that is asked alone will probably run next, in the same worker
-            _known[isolated[0]] = _ask(keep(isolated[0]), isolated[0])
+            _known[isolated[0]] = _ask(get_worker(isolated[0]), isolated[0])
         elif isolated:
             with Worker() as worker:
                 _known.update({name: _ask(worker, name) for name in isolated})

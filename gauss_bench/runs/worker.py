@@ -221,7 +221,7 @@ def _exit_code(process: "subprocess.Popen[bytes]") -> int:
 _kept: dict[str, Worker] = {}  # engine -> its worker
 
 
-def keep(engine: str) -> Worker:
+def get_worker(engine: str) -> Worker:
     """Return the worker of an engine, which is kept until this process ends, because libraries take up to 3 s to import."""
     if engine not in _kept:
         _kept[engine] = Worker()

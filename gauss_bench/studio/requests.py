@@ -143,7 +143,7 @@ def drag_end(session: Session, message: Message) -> None:
 
 
 def behind(session: Session, message: Message) -> Reply:
-    """Return id and data URL of the picture behind the grid, or None for both; a scene does not have the URL."""
+    """Return the id and the data URL of the picture behind the grid, both None without a picture; scenes have the id alone."""
     picture = session.picture
     return {"picture": picture and picture.id, "url": picture and picture.url}
 

@@ -27,7 +27,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.one_run import sampling_at
 from gauss_bench.runs.scrutiny import measurable_gain
-from gauss_bench.runs.worker import keep
+from gauss_bench.runs.worker import get_worker
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family, describe
 from gauss_bench.sweep.figures import figures, units
@@ -250,7 +250,7 @@ def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: in
     finer = replace(choice, step=steps.h / parts)
     request = Request(case.source, case.scenario, engine, finer, sampling_at(finer.step, steps.t))
     # each thread keeps a worker of its own for further samples of this engine
-    run = run_of(request, mechanism, case.limit, keep(f"{engine} of thread {threading.get_ident()}"))
+    run = run_of(request, mechanism, case.limit, get_worker(f"{engine} of thread {threading.get_ident()}"))
     if run.trajectory is None:
         return str(run.status), run.message, {}
     x = run.trajectory

@@ -240,7 +240,7 @@ class Family:
         """
         k, mechanism = len(goals), self.nominal
         q, v = np.full((2, k, mechanism.n), np.nan)
-        if mechanism.knife_edges or mechanism.parts:  # the caller assembles these samples one by one
+        if mechanism.knife_edges or mechanism.parts:  # not closed here: the caller assembles such samples one by one
             return q, v
         # the continuation begins at the kernel inputs and goals of the file, and ends at those of the samples
         file_columns, file_goals = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)

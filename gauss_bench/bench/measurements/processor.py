@@ -89,6 +89,6 @@ def processor_rows(measured: Measured) -> Rows:
         return {name: 2 * lanes / seconds[time] for name, time in pairs}
 
     latency = {"key": "latency", "quantity": "a fused multiply-add that waits for the one before", "unit": "s"}
-    cycle = {"key": "cycle", "quantity": f"a cycle, of which that latency has {CYCLES}", "unit": "s"}
+    cycle = {"key": "cycle", "quantity": f"a clock cycle: the latency of a fused multiply-add divided by {CYCLES}", "unit": "s"}
     peak = {"key": "rate", "quantity": f"peak rate of operations on vectors of {lanes}, with two per multiply-add", "unit": "1/s"}
     return [row(latency, partial(value, 1.0)), row(cycle, partial(value, 1 / CYCLES)), row(peak, rate)]

@@ -188,7 +188,7 @@ class _Equations:
 
         w, b, g = self.w, self.b, self.g  # of the inputs: first and second time derivatives, and changes to the next sample
         if len(w) == 1:  # d and e, from one pair of solutions, give the motion and the step to the next guess
-            d, e = follow((graph.constant(1.0),), self.zeros)  # first and second derivatives of q (n) by the input
+            d, e = follow((graph.constant(1.0),), self.zeros)  # first and second derivatives of q (n,) with respect to the input
             advance = [g[0] * (x + g[0] * (y * 0.5)) for x, y in zip(d, e, strict=True)]
             square = w[0] * w[0]
             v, a = [x * w[0] for x in d], [x * b[0] + y * square for x, y in zip(d, e, strict=True)]

@@ -550,8 +550,8 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
 def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = False) -> Step:
     """Write one step of Dormand and Prince of order 8, twelve stages, with the positions of the stages written out as in `rk4`.
 
-    If `estimated`, formulas of order 5 and 3 over the same stages give the error of the step. The tolerances atol and rtol are the
-    leaves "%atol" and "%rtol" of the graph. With the states y and y' (2n,) before and after the step:
+    If `estimated`, formulas of order 5 and 3 over the same stages give the squared relative error of the step. The tolerances atol
+    and rtol are the leaves "%atol" and "%rtol" of the graph. With the states y and y' (2n,) before and after the step:
 
         error = h^2 e5^4 / ((e5^2 + e3^2 / 100) 2 n)
 
@@ -570,7 +570,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     to_middle, rotations = b.times(b.times_h(0.5), u), list[int]()
     middle = [b.sincos(x) for x in b.of_angles(b.along(q, b.times_h(0.5), u))] if reach.rotates else []
     v = b.correct_velocity()
-    a = [b.acceleration(b.t, q, u)]  # accelerations of the stages so far
+    a = [b.acceleration(b.t, q, u)]  # of the stages so far; at u, in order not to wait for v
     out_pivots = list(b.pivots)  # guards of the sample at q, v
 
     def rotate_sines(x: list[int], moved: list[int]) -> list[Pair]:
@@ -596,7 +596,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     q_new = b.plus(q, moved)
     pairs = rotate_sines(q_new, moved)
     b.limit([g.largest(rotations)], reach.step)
-    # the corrections use the Jacobian of the last stage, which is at the end of the step and near q_new
+    # the corrections use the Jacobian of the last stage, which is at the end of the step and, with a limit of the step, near q_new
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, pairs, at=stage_q if reach.rotates else q_new)
     step = b.step(q_new, v_new, [], v, out_pivots)
     return replace(step, error=_error(b, a, A, [*q, *v], [*q_new, *v_new])) if estimated else step

@@ -144,7 +144,7 @@ class CasadiModel:
         self.integrators = {x: self._make_integrator(grid) for x, grid in grids.items()}
 
     def _make_integrator(self, grid: list[float]) -> Any:
-        """Return CasADi's integrator from time 0 that returns the states at the times `grid` [s], relative to the start."""
+        """Return a CasADi integrator that starts at time 0 and returns the states at the times `grid` [s] after the start."""
         relative, absolute = self.choice.tolerances(self.options["reltol"], self.options["abstol"])
         options: dict[str, Any] = {"reltol": relative, "abstol": absolute}
         kind, _, method = self.choice.integrator.partition("_")

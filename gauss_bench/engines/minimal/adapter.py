@@ -157,8 +157,8 @@ class MinimalModel:
         self.signs = [np.sign(x) for x in openings]
         self.smallest_openings = np.array([_smallest(x, scale) for x, scale in zip(openings, self.scales, strict=True)])
         self.steady = [k for k in range(len(self.sequences)) if self.smallest_openings[k].min() > STEADY]
-        # smallest opening during the motion if, at each state, the coordinate is used whose smallest opening is largest; `least` is
-        # NARROW or at most half of this opening, so that where one coordinate reaches `least`, another has larger openings
+        # `best_opening`: smallest opening during the motion if the best coordinate is used at each state. `least` is half of it,
+        # within NARROW and CHANGE, so that where one coordinate falls to `least`, another has larger openings
         best_opening = float(self.smallest_openings.max(axis=0).min())
         self.least = STEADY / 2 if self.steady else min(CHANGE, max(best_opening / 2, NARROW))
         self.equations: dict[Key, Equation] = {}

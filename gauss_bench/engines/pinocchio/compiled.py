@@ -50,7 +50,7 @@ def unsupported_by_compiled_loop(mechanism: Mechanism, choice: Choice, options: 
     if options["algorithm"] == "lcaba":
         return "Pinocchio's compiled loop has no lcaba: it takes longer than constraintDynamics, and twice as long to build"
     names = ", ".join(f.name for f in mechanism.varying)
-    return f"Pinocchio's compiled loop has no force that varies with time or direction: {names}" if names else None
+    return f"Pinocchio's compiled loop does not support forces that vary with time or direction: {names}" if names else None
 
 
 class CompiledDynamics(ConstrainedDynamics):

@@ -217,8 +217,9 @@ def guide_ends(joint: Prismatic, states: Array, extension: float) -> tuple[Point
 
 
 def lines_beside(line: Array) -> Array:
-    """Return two lines (2, 2, 2) beside a guide (2, 2) [px], on the side of its hatching."""
+    """Return two lines (2, 2, 2) beside a guide (2, 2) [px], from which names keep away: along its block and along its hatching."""
     along = (line[1] - line[0]) / max(float(np.hypot(*(line[1] - line[0]))), 1e-9)
+    # 11 px is half the height of BLOCK, where the hatching of a guide on the ground begins; it ends 7 px farther
     return np.array([line + side * turn_left(along) for side in (11, 17)])
 
 

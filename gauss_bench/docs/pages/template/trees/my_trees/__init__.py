@@ -120,7 +120,7 @@ class Model(TreeModel):
             case Angle(a, b):
                 coordinate = ("angle", self.place[a], self.place[b])
             case Distance(a, b):
-                coordinate = ("distance", *self.end(a), *self.end(b), -1, 0.0)
+                coordinate = ("distance", *self.end(a), *self.end(b), -1, 0.0)  # no axes and no angle
             case Along(origin, point) as x:
                 turned = np.pi / 2 if x.across else 0.0
                 coordinate = ("along", *self.end(origin), *self.end(point), self.place[x.axes], float(x.angle + turned))
