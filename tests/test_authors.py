@@ -26,7 +26,7 @@ FAULTS = [
     ('"Those who wrote it"', '" "', "authors: must be a text of 1 to 200 characters in one line"),
     ('"https://example.org/them"', '"ask around"', "contact: must be an address"),
     ("2026-11-26", '"2026-11-26"', "date: must be a date"),
-    ("2026-11-26", "9999-01-01", "date: 9999-01-01 has not come yet"),
+    ("2026-11-26", "9999-01-01", "date: 9999-01-01 is in the future"),
     ("date =", "day =", "day: no such field; there are format, engine"),
     ("tight enough for what is asked", "because", "knobs.dop853_rtol.why: must be a sentence of 20 characters at least"),
     ("[knobs.dop853_rtol]", "[knobs.dop853_atol]", "settings.tight.dop853_rtol: has no source"),

@@ -63,7 +63,7 @@ def test_what_is_built_once_is_there_or_not_yet_or_cannot_be(monkeypatch):
     pinocchio = offer("pinocchio")
     states = {
         "built": (None, None),
-        "not built yet": (None, "Pinocchio's compiled loop is not installed: it was not built yet"),
+        "not built yet": (None, "Pinocchio's compiled loop is not installed: it is not built yet"),
         "none": ("Pinocchio's compiled loop is not installed: there is no C++ compiler", "not built yet"),
     }
     for value, (missing, absent) in states.items():

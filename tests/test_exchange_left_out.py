@@ -51,7 +51,7 @@ def edited(text, changes, tmp_path):
 @pytest.mark.long("urdf", "upright")
 @pytest.mark.parametrize(
     ("text", "kind", "dof", "said"),
-    [(LEG, "MJCF", 1, NAMED), (URDF, "URDF", 3, ["Nothing is closed: "]), (UPRIGHT, "MJCF", 1, ["C was opening"])],
+    [(LEG, "MJCF", 1, NAMED), (URDF, "URDF", 3, ["No loop is closed: "]), (UPRIGHT, "MJCF", 1, ["C was opening"])],
     ids=["mjcf", "urdf", "upright"],
 )
 def test_what_an_import_says_stands_on_stderr_in_json_and_in_the_file(text, kind, dof, said, tmp_path, capsys):
@@ -74,7 +74,7 @@ def test_what_an_import_says_stands_on_stderr_in_json_and_in_the_file(text, kind
 
 def test_an_open_urdf_says_so_and_its_example_closes_the_loop(tmp_path):
     note = edited(URDF, {}, tmp_path).note
-    tree = "Nothing is closed: the linkage is an open tree with 3 degrees of freedom. --close LINK.FRAME=LINK.FRAME"
+    tree = "No loop is closed: the linkage is an open tree with 3 degrees of freedom. --close LINK.FRAME=LINK.FRAME"
     assert note.startswith(tree)
     closed = import_file(tmp_path / "model.xml", "model", [note.removesuffix(".").rpartition("--close ")[2]])
     assert (closed.dof, closed.note) == (1, "")
@@ -94,7 +94,7 @@ def test_a_tree_with_one_end_gives_the_form_of_a_closure_without_an_example(tmp_
 def test_mjcf_without_a_closure_says_so(tmp_path):
     closure = LEG[LEG.index("<equality>") : LEG.index("</equality>")]
     note = edited(LEG, {closure: "<equality>"}, tmp_path).note
-    tree = "Nothing is closed: the linkage is an open tree with 3 degrees of freedom."
+    tree = "No loop is closed: the linkage is an open tree with 3 degrees of freedom."
     assert note == f"{tree} <connect> in <equality> closes a loop."
 
 

@@ -208,7 +208,7 @@ def test_a_change_point_is_a_singular_position_not_a_limit(solve, near, samples)
 def test_inputs_and_linkages_that_do_not_fit_are_refused():
     mechanism, five, law = load("crank_slider", "driven"), load("five_bar", "spring"), constant(0.0, 1.0)
     for solve, wrong, text in (
-        (loop_motion, driven(mechanism), "1 degrees of freedom, but the inputs are 0"),
+        (loop_motion, driven(mechanism), "1 degrees of freedom, but 0 inputs"),
         (basic_motion, driven(mechanism), "0 inputs for 1 degrees of freedom"),
         (loop_motion, driven(mechanism, slider=law), "cannot be driven at 'slider'"),
         (basic_motion, driven(mechanism, slider=law), "slider is known without driver 1"),

@@ -80,7 +80,7 @@ def test_point_masses_move_the_centre_and_add_to_the_inertia():
     np.testing.assert_allclose([*first.com, first.inertia], [0.6, 0.0, 3.0 * 1.2**2 / 12 + 2 * 0.6**2], rtol=1e-14)
     np.testing.assert_allclose([second.mass, *second.com, second.inertia], [4.0, 0.9, 0.0, 0.3**2 * 3 + 0.9**2], rtol=1e-14)
     links["alone"] = alone | {"point_masses": [{"point": "A", "mass": 1.0}]}
-    assert "links.alone.inertia: required: masses at one point have none" in said(content)
+    assert "links.alone.inertia: required: masses at one point have no inertia" in said(content)
     links["alone"] = alone | {"point_masses": [{"point": "C", "mass": 1.0}]}
     assert "links.alone.point_masses[0].point: unknown point 'C' of 'alone'" in said(content)
 
@@ -128,7 +128,7 @@ def test_welded_links_are_the_one_link_they_come_to():
     for other in (by_points, by_origin):
         assert_same(load_document(content, "lift"), load_document(other, "lift"))
     content["welds"]["seam"] = {"link": "tooth", "to": "bucket", "points": [["bucket.F", "tooth.F"], ["bucket.E", "tooth.tip"]]}
-    assert "welds.seam.points: two pairs of points cannot coincide: 0.316228 m apart on bucket, 0.15 m on tooth" in said(content)
+    assert "welds.seam.points: the two pairs cannot both coincide: 0.316228 m apart on bucket, 0.15 m on tooth" in said(content)
 
 
 def test_results_know_welded_links_and_what_the_weld_carries():

@@ -86,7 +86,7 @@ class Closure:
             ValueError: the linkage has several inputs.
         """
         if len(self.inputs) != 1:
-            raise ValueError(f"{self.mechanism.name} has the inputs {', '.join(self.inputs)}, and a turn needs a single one")
+            raise ValueError(f"{self.mechanism.name} has the inputs {', '.join(self.inputs)}, but a turn needs a single one")
         levels = np.zeros((samples, 3, 1))
         levels[:, 0, 0] = self._tracker.u[0] + 2 * np.pi / samples * np.arange(samples)
         levels[:, 1] = 1.0

@@ -235,13 +235,13 @@ def check_metrics() -> Findings:
         errors = metrics.state_errors(mechanism, moved, reference)
         gaps = metrics.drift(evaluator, moved).position, errors.length, errors.position
         wrong = any(differs(gap, MOVED, 1e-6) for gap in gaps)
-        yield wrong, f"a link that is moved by {MOVED:g} m has a gap or an error of another size"
+        yield wrong, f"a link is moved by {MOVED:g} m, and its gap or error has another size"
     faster = shift(sound, "v", y, MOVED)
     drift, error = metrics.drift(evaluator, faster).velocity, metrics.state_errors(mechanism, faster, reference).velocity
     wrong = differs(drift, MOVED, 1e-6) or differs(error, MOVED, 1e-6)
-    yield wrong, f"a velocity of a link that is wrong by {MOVED:g} m/s has a drift or an error of another size"
+    yield wrong, f"a velocity is wrong by {MOVED:g} m/s, and its drift or error has another size"
     residual = metrics.drift(evaluator, shift(sound, "a", y, 1.0)).acceleration
-    yield differs(residual, 1.0, 1e-6), "accelerations off the constraints leave no residual"
+    yield differs(residual, 1.0, 1e-6), "accelerations that violate the constraints have a wrong residual"
     (gained, work_bar), scale = metrics.energy_error(evaluator, sound), metrics.energy_scale(evaluator, sound)
     yield not np.abs(gained).max() <= work_bar + 1e-6 * scale, "a true motion gains energy"
     gained = metrics.energy_error(evaluator, replace(sound, v=1.1 * sound.v))[0]
@@ -252,7 +252,7 @@ def check_metrics() -> Findings:
     order = metrics.observed_order(steps, steps**3, np.zeros(3))[1]
     yield differs(order, 3.0, 1e-9), "an error proportional to the third power of the step has an order other than three"
     # errors as large as the error bar are rounding, from which no order can be computed
-    yield np.isfinite(metrics.observed_order(steps, rounding, rounding)[1]), "rounding has an order"
+    yield np.isfinite(metrics.observed_order(steps, rounding, rounding)[1]), "an order is computed from rounding errors"
 
 
 @check
@@ -311,14 +311,14 @@ def check_run() -> Findings:
     sampling = one_run.sampling(1e-2, 0.1, [0.05])
     x = one_run.one_run(Interpreted("gauss"), mechanism, Choice(integrator="rk4", step=1e-2), sampling).trajectory
     if x is None or sampling.count != 10 or x.steps != 10 or not np.array_equal(x.t, sampling.times):
-        yield True, "a run of 0.1 s by steps of 0.01 s is not ten steps"
+        yield True, "a run of 0.1 s by steps of 0.01 s does not take ten"
         return
     error, wrong = (one_run.acceleration_error(mechanism, replace(x, a=factor * x.a)) for factor in (1.0, 1.05))
     yield error is None or error > AGREES, "a sound engine has wrong accelerations"
-    yield wrong is None or differs(wrong, 0.05, 1e-6), "accelerations that are 5 % too large have another error"
+    yield wrong is None or differs(wrong, 0.05, 1e-6), "accelerations that are 5 % too large have an error other than 5 %"
     uneven = one_run.sampling(3e-3, 0.1)  # 0.1 s is no multiple of 3 ms, so that the last step is shortened
     ends_elsewhere = not uneven.shortened or differs(uneven.times[-1], 0.1, 1e-12)
-    yield ends_elsewhere, "a run whose end is no multiple of the step ends elsewhere"
+    yield ends_elsewhere, "a run whose end is no multiple of the step ends at another time"
     yield not describe("gauss").usable, "an engine of the suite cannot be used"
 
 
@@ -377,10 +377,10 @@ def check_clocks() -> Findings:
     """Check the measurement of times with an artificial clock, and the ratios of known times."""
     with ticking() as spend:
         second = one_run.measure_seconds(lambda: spend(1.0))
-        yield differs(second, 1.0, 1e-9), "a second is measured as another time"
+        yield differs(second, 1.0, 1e-9), "a second is not measured as a second"
         # preparation, 5 s, must not be timed; 500 steps in 0.5 s, done twice, are 1 ms each
         block = blocks.Block("steps", ready=lambda: spend(5.0), go=lambda: spend(0.5), count=500, calls=2)
-        yield differs(block.seconds(), 1e-3, 1e-9), "a thousand steps in a second take another time than a millisecond each"
+        yield differs(block.seconds(), 1e-3, 1e-9), "a step of a millisecond is not measured as a millisecond"
         # a block repeats a short call until the block lasts some milliseconds; each call counts as `work` repetitions
         for duration, work in ((1e-7, 1), (3e-5, 40)):
             repeated = blocks.calls_block("call", lambda duration=duration: spend(duration), work)  # type: ignore[misc]
@@ -393,7 +393,7 @@ def check_clocks() -> Findings:
         orders = {tuple(entry for entry, number, _ in timed if number == k) for k in range(8)}
         wrong = len(orders) < 3 or any(sorted(map(str, x)) != list("abcd") for x in orders)
         yield wrong, "blocks do not take turns in changing order"
-        yield any(differs(seconds, 0.01, 1e-9) for _, _, seconds in timed), "the garbage collector works while it is timed"
+        yield any(differs(seconds, 0.01, 1e-9) for _, _, seconds in timed), "the garbage collector runs during timing"
     # a ratio compares the lower quartiles: 2 and 0.5
     quartiles = clock.ratio(np.array([4.0, 1.0, 3.0, 2.0, 5.0]), np.full(5, 0.5))[0]
     yield differs(quartiles, 4.0, 1e-12), "a ratio is not that of the lower quartiles"
@@ -407,7 +407,7 @@ def check_clocks() -> Findings:
     # The lower quartile of n uniform numbers is nearly normal with variance p (1 - p) / n, p = 1/4; nine tenths of a normal
     # distribution lie within 1.645 standard deviations of its mean.
     expected = 2 * 1.645 * math.sqrt(3 / 16 / n)
-    yield differs((high - low) / expected, 1.0, 0.3), "a spread does not hold nine tenths"
+    yield differs((high - low) / expected, 1.0, 0.3), "a spread does not contain nine tenths of the ratios"
 
 
 # gate

@@ -134,7 +134,7 @@ def without_run(*ended: Ended) -> Verdict:
     """Return the verdict of a diagnosis in which no run has reached a checkpoint; `ended` tells how each run ended."""
     first = ended[0]
     why = first.message if first.status is Status.SKIP else f"{first.status}: {first.message}"
-    return Verdict(Cause.UNKNOWN, f"there is no run to look at: {why}", {}, None, (), ended)
+    return Verdict(Cause.UNKNOWN, f"no run can be diagnosed: {why}", {}, None, (), ended)
 
 
 class Answer(NamedTuple):
@@ -383,7 +383,7 @@ class Case:
         self.jump_time, size, to_start = jump
         where = "back to its start" if to_start else "elsewhere"
         sentence = f"the state jumps {where} at t = {self.jump_time:.6g} s, by {size:.2g} (m, rad) in one step"
-        return Answer(Cause.RESET, f"{sentence}, as an engine does that resets itself after an error")
+        return Answer(Cause.RESET, f"{sentence}: the engine seems to reset itself after an error")
 
     def _find_length(self) -> Answer | None:
         """Detect a pin that the engine has at another place of a link than the file.
@@ -519,7 +519,7 @@ class Case:
         explanations = self._explain(last.reported if last.relative_reported > 0.3 * last.relative_implied else last.implied)
         if explanations and explanations[0].share >= EXPLAINS:
             best = explanations[0]
-            sentence = f"{best.sentence}; this explains {format_share(best.share)} of the wrong accelerations"
+            sentence = f"{best.sentence}; this explains {format_share(best.share)} of the error of accelerations"
             left = AS_GOOD * max(1 - best.share, 1e-12)  # explanations that leave as little of the error are named as alternatives
             others = [x.sentence for x in explanations[1:] if 1 - x.share <= left][:3]
             alike = f" (in this motion it cannot be distinguished from: {'; '.join(others)})" if others else ""

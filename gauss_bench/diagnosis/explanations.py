@@ -219,7 +219,7 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     else:
         directions = {"along x": np.array([ADDED_GRAVITY, 0.0]), "along y": np.array([0.0, ADDED_GRAVITY])}
     for name, vector in directions.items():
-        template = f"gravity has a part {name} that it should not have, {{amount}} times {float(np.hypot(*vector)):.3g} m/s^2"
+        template = f"gravity has an additional component {name}, {{amount}} times {float(np.hypot(*vector)):.3g} m/s^2"
         yield Explanation(Cause.GRAVITY, f"gravity {name}", change_by(gravity=g + vector), template)
     # one force with a wrong number, on a wrong link or in a wrong direction
     for number, force in enumerate(mechanism.forces):

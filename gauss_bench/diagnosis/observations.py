@@ -61,7 +61,7 @@ def checkpoints(step: float, until: float) -> Array:
     """
     steps = int(np.floor(until / step * (1 + 1e-12)))
     if steps < FEWEST:
-        raise ChoiceError(f"a diagnosis needs {FEWEST} steps, and {until:g} s have {steps} of {step:g} s: take a smaller step")
+        raise ChoiceError(f"a diagnosis needs {FEWEST} steps, and {until:g} s are {steps} steps of {step:g} s: take a smaller step")
     # `to_grid` is the smallest number of steps whose length is a multiple of GRID; 1 if this number exceeds 100
     to_grid = next((m for m in range(1, 101) if abs(m * step / GRID - round(m * step / GRID)) < 1e-9), 1)
     # the grid is not used where it would leave less than a quarter of COUNT checkpoints

@@ -117,7 +117,7 @@ def smallest(check: Callable[[float], str | None]) -> float:
     """
     undetected, detected = 1e-17, 1e-2
     if check(detected) is None or check(undetected) is not None:
-        raise ValueError(f"a fault of {detected:g} is not detected, or one of {undetected:g} is")
+        raise ValueError(f"a fault of size {detected:g} is not detected, or one of size {undetected:g} is")
     while detected > 1.05 * undetected:
         middle = float(np.sqrt(undetected * detected))
         if check(middle) is None:
@@ -230,7 +230,7 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _:
     sound: dict[str, Check] = {f"{x.kind}: {x.sound}": x.sound for x in chosen}
     if ADAPTERS in kinds:
         sound |= {f"{ADAPTERS}: {' '.join(x)}": partial(diagnose_sound, x) for x in (FOUR_BAR, CRANK_SLIDER, DRIVEN)}
-    told(f"{len(sound)} checks of the sound suite")
+    told(f"{len(sound)} checks without planted faults")
     alarms = [sentence for sentence in map(_run_check, sound.values()) if sentence is not None]
     findings: list[Finding] = []
     for kind in kinds:

@@ -133,7 +133,7 @@ def _read(file: Line) -> CheckedSettings:
     if not isinstance(day, date) or isinstance(day, datetime):  # a datetime is also a date
         raise SettingsFault("date: must be a date, as in date = 2026-11-26")
     # the authors' time zone may be a day ahead
-    require(day <= date.today() + timedelta(days=1), "date", f"{day} has not come yet")
+    require(day <= date.today() + timedelta(days=1), "date", f"{day} is in the future")
     name = _read_text(file, "engine", "engine")
     engines = sorted(path.parent.name for path in ROOMS.glob(f"*/{VARIANTS_FILE}"))
     require(name in engines, "engine", f"{name!r} has no {VARIANTS_FILE}; the engines that have one are {', '.join(engines)}")

@@ -223,5 +223,5 @@ def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = 
         raise
     if code:
         errors = [line for line in lines if line.startswith("ERROR")] or lines
-        reason = "its message stands above" if at_terminal else " ".join(errors[-LAST_LINES:])
+        reason = "see its message above" if at_terminal else " ".join(errors[-LAST_LINES:])
         raise InstallationFault(f"{failure}: {reason}")

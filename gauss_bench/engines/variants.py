@@ -245,7 +245,7 @@ def require(condition: bool, place: str, fault: str) -> None:
 def _require_known(line: Line, names: tuple[str, ...], place: str) -> None:
     """Refuse a table of the file that has a key other than `names`."""
     for name in line:
-        require(name in names, place, f"{name} is no knob that is allowed here; there are {', '.join(names)}")
+        require(name in names, place, f"{name} is no knob allowed here; there are {', '.join(names)}")
 
 
 def _read_cause(text: Any, place: str) -> str:

@@ -104,7 +104,7 @@ def list_left_out(mechanism: Mechanism) -> tuple[str, ...]:
     """
     others = [x for x in mechanism.scenarios if x != mechanism.scenario]
     left_out = [f"{'scenarios' if len(others) > 1 else 'scenario'} {', '.join(others)}"] if others else []
-    left_out += [f"force {f.name}, dry friction without a coefficient" for f in mechanism.frictions if f.mu == 0]
+    left_out += [f"force {f.name}, dry friction with coefficient 0" for f in mechanism.frictions if f.mu == 0]
     return tuple(left_out)
 
 

@@ -296,7 +296,7 @@ class Reader(FileReader):
         if gear[3:].any():
             raise self.refuse(element, "a torque on a site; give it to the joint")
         if not gear[:3].any():
-            raise self.refuse(element, "a site transmission without gear")
+            raise self.refuse(element, "a site transmission with gear 0")
         if reference < 0 and (law.k or law.c):
             raise self.refuse(element, "a servo on a site needs a refsite")
         base, origin = (reference, self._read_site(reference)) if reference >= 0 else (site, None)

@@ -56,7 +56,7 @@ class Robot(FileReader):
         for name in order:  # the loop visits the children that it appends, so that all descendants of the root follow
             order += [child for parent, child in self.ends.values() if parent == name]
         if len(order) < len(self.links):
-            raise self.refuse("<robot>", f"link {min({*self.links} - {*order})!r} hangs on itself")
+            raise self.refuse("<robot>", f"link {min({*self.links} - {*order})!r} is a descendant of itself")
         self.index = {name: k for k, name in enumerate(order)}
 
     def _read_table(self, tag: str) -> dict[str, Element]:
@@ -85,10 +85,10 @@ class Robot(FileReader):
         try:
             parsed = np.array([float(x) for x in text.split()])
         except ValueError as error:
-            raise self.refuse(describe(node), f"{key}={text!r}: no numbers") from error
+            raise self.refuse(describe(node), f"{key}={text!r}: not numbers") from error
         if len(parsed) != len(default) or not np.isfinite(parsed).all():
             wanted = "a finite number is" if len(default) == 1 else f"{len(default)} finite numbers are"
-            raise self.refuse(describe(node), f"{key}={text!r}: {wanted} wanted")
+            raise self.refuse(describe(node), f"{key}={text!r}: {wanted} required")
         return parsed
 
     def read_number(self, node: Element | None, key: str) -> float:
@@ -212,7 +212,7 @@ class Robot(FileReader):
         """Return the name and the two points of a closure that a user gives as LINK.FRAME=LINK.FRAME."""
         ends = text.split("=")
         if len(ends) != 2:
-            raise self.refuse(f"--close {text}", "LINK.FRAME=LINK.FRAME is wanted")
+            raise self.refuse(f"--close {text}", "LINK.FRAME=LINK.FRAME is required")
         a, b = (self._find_frame(end.strip(), text, bodies) for end in ends)
         return f"{a.name}_{b.name}", a, b
 

@@ -81,4 +81,4 @@ def describe_open_tree(spatial: Spatial, dof: int) -> str:
         return ""
     freedoms = f"{dof} degree of freedom" if dof == 1 else f"{dof} degrees of freedom"
     how_to_close = spatial.how_to_close or "<connect> in <equality> closes a loop"
-    return f"Nothing is closed: the linkage is an open tree with {freedoms}. {how_to_close}."
+    return f"No loop is closed: the linkage is an open tree with {freedoms}. {how_to_close}."

@@ -466,7 +466,7 @@ class Flattened:
         gravity = self.spatial.gravity
         across = float(gravity @ self.plane.normal)
         if abs(across) > FLAT * max(1.0, float(np.linalg.norm(gravity))):
-            self.remarks.append(f"gravity across the plane ({across:.4g} m/s^2), which moves nothing in it")
+            self.remarks.append(f"gravity normal to the plane ({across:.4g} m/s^2), which has no effect")
         places, angles = Table(), Table()  # position of a point and angle of every link before the joints are closed
         for link in self.links:
             point, local = next(iter(self.points[link].items()))

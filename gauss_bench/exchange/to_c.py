@@ -73,7 +73,7 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
         if find_end(other, mechanism, choice) is None:
             return other
     # `end` is the time at which a pivot of the first choice vanished; if it is NaN, none did, and the step may be too long
-    reason = "a file has one choice of independent coordinates, and this motion needs another on its way"
+    reason = "a program has one choice of independent coordinates, but this motion needs a second"
     remark = f", at t = {end:.3g} s for any step" if np.isfinite(end) else ", or a shorter step"
     raise RunFailure(Status.SKIP, f"{reason}{remark}")
 

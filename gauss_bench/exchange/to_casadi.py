@@ -26,7 +26,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     from gauss_bench.engines.casadi import functions
 
     if choice.integrator not in METHODS or choice.stabilization != "none":
-        raise RunFailure(Status.SKIP, f"{choice.integrator} with stabilization {choice.stabilization} is not written for CasADi")
+        raise RunFailure(Status.SKIP, f"CasADi scripts have no {choice.integrator} with stabilization {choice.stabilization}")
     rtol, atol = choice.tolerances(1e-6, 1e-8)  # the defaults of CVODES
     options: dict[str, object] = {"reltol": rtol, "abstol": atol}
     if choice.integrator == "cvodes_adams":

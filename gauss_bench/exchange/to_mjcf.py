@@ -54,7 +54,7 @@ def describe_controls(root: Element, mechanism: Mechanism, controlled: Collectio
     if motors:
         sentences.append(f"Motors: {', '.join(motors)}. These are the ctrl of the keyframe: change ctrl to drive them.")
     if fixed:
-        sentences.append(f"No ctrl changes {', '.join(fixed)}: it moves nothing here, or no single motor of MJCF expresses it.")
+        sentences.append(f"No ctrl changes {', '.join(fixed)}: it has no effect here, or no single motor of MJCF expresses it.")
     if springs:
         sentences.append(f"No ctrl changes {', '.join(springs)}: springs along an axis are actuators in MJCF.")
     return sentences

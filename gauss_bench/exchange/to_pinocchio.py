@@ -122,7 +122,7 @@ def tabulate(others: Sequence[Force]) -> dict[str, list[Any]]:
                 if point.link != GROUND:  # a force on the ground moves nothing
                     tables["pushes"].append([spot(point), frame, *map(float, force)])
             case _:
-                raise RunFailure(Status.SKIP, f"a load of this kind is not written for Pinocchio ({name})")
+                raise RunFailure(Status.SKIP, f"scripts for Pinocchio do not support this kind of load ({name})")
     return tables
 
 

@@ -64,7 +64,7 @@ class OpenLoop:
         if not self.lengths:
             return text
         x = self.lengths[0]
-        return f"{text}; it would with {x.link} ({x.points[0]} to {x.points[1]}) of {x.needed:.4g} m instead of {x.now:.4g} m"
+        return f"{text}; it would close with {x.link} ({x.points[0]} to {x.points[1]}) of {x.needed:.4g} m instead of {x.now:.4g} m"
 
 
 def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:

@@ -31,7 +31,7 @@ def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
     freedom = Freedom(hold_inputs(mechanism, q))
     closed = freedom.close(q)
     if closed is None:
-        raise ValueError(f"{mechanism.name} has no other assemblies here: its joints are open")
+        raise ValueError(f"{mechanism.name}: other assemblies cannot be found, because its joints are open")
     if closed.free.shape[1]:
         raise ValueError(f"{mechanism.name}: {closed.free.shape[1]} of its motions stay free if its inputs are fixed")
 

@@ -98,11 +98,11 @@ class LoopEquations:
     def __init__(self, mechanism: Mechanism):
         self.mechanism, self.drivers = mechanism, mechanism.drivers
         if mechanism.couplings:
-            self._refuse(f"has the coupling {mechanism.couplings[0].name}, which loop equations do not describe")
+            self._refuse(f"has the coupling {mechanism.couplings[0].name}, which loop equations do not support")
         if mechanism.knife_edges:
-            self._refuse("has knife edges, which loop equations do not describe")
+            self._refuse("has knife edges, which loop equations do not support")
         if len(self.drivers) != mechanism.dof:
-            self._refuse(f"has {mechanism.dof} degrees of freedom, but the inputs are {len(self.drivers)}")
+            self._refuse(f"has {mechanism.dof} degrees of freedom, but {len(self.drivers)} inputs")
         self.bars = [d for d in self.drivers if isinstance(d, LengthDriver)]
         self.graph = find_graph(mechanism, self.bars)
         # link -> (root, phase); a bar shares its angle with no other link

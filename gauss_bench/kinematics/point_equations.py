@@ -112,9 +112,9 @@ class PointModel:
                 has couplings or knife edges.
         """
         if mechanism.couplings:
-            raise ValueError(f"{mechanism.name}: points have no equation for the coupling {mechanism.couplings[0].name}")
+            raise ValueError(f"{mechanism.name}: equations of points do not support the coupling {mechanism.couplings[0].name}")
         if mechanism.knife_edges:
-            raise ValueError(f"{mechanism.name}: knife edges constrain velocities alone, so that points have no equation for them")
+            raise ValueError(f"{mechanism.name}: equations of points do not support knife edges, which constrain velocities")
         if len(mechanism.drivers) != mechanism.dof:
             raise ValueError(f"{mechanism.name}: {len(mechanism.drivers)} inputs for {mechanism.dof} degrees of freedom")
         self.points = p = Points(mechanism)

@@ -99,7 +99,7 @@ class Curve:
             ValueError: more or fewer than one degree of freedom.
         """
         if mechanism.dof != 1:
-            raise ValueError(f"{mechanism.name} has {mechanism.dof} degrees of freedom; singular positions are found for one")
+            raise ValueError(f"{mechanism.name} has {mechanism.dof} degrees of freedom; singular positions are found for one only")
         self.mechanism = mechanism
         self.constraints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
 

@@ -127,7 +127,7 @@ def connect(pin: complex, places: tuple[complex, ...], name: str) -> Connection:
     sides = sorted((b - a, c - b, a - c), key=abs)
     longest = abs(sides[2])
     if abs(sides[0]) <= SAME * longest:
-        raise NoFourBar(f"{name} is at one place in two of the poses: move it, or the poses")
+        raise NoFourBar(f"{name} is at the same place in two poses: move it, or the poses")
     height = cross(b - a, c - a) / longest**2
     if abs(height) < LINE:
         return Connection(pin, places, a, sides[2] / longest)
@@ -151,10 +151,10 @@ def join(first: Connection, second: Connection) -> FourBar:
         NoFourBar: the coupler, the frame or a bar would have no length.
     """
     if abs(first.pin - second.pin) <= SAME * max(first.length, second.length, abs(first.pin)):
-        raise NoFourBar("both pins are one: the coupler has no length")
+        raise NoFourBar("the pins coincide: the coupler has no length")
     both_turn = first.direction is None and second.direction is None
     if both_turn and abs(first.pivot - second.pivot) <= SAME * (first.length + second.length):
-        raise NoFourBar("both fixed pivots are one: the three poses are a rotation about it")
+        raise NoFourBar("the fixed pivots coincide: the coupler only turns about them")
     for name, connection in zip(NAMES, (first, second), strict=True):
         if connection.direction is None and connection.length <= SAME * abs(first.pin - second.pin):
             raise NoFourBar(f"the {name} pin lies on its fixed pivot: the bar between them has no length")

@@ -118,7 +118,7 @@ def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Nu
         line_to, line_link = pairs[1][0] - on_to, pairs[1][1] - on_link
         if length(line_link) == 0 or abs(length(line_to) - length(line_link)) > SAME * length(line_link):
             apart = f"{float(length(line_to)):.6g} m apart on {to.name}, {float(length(line_link)):.6g} m on {link.name}"
-            raise BuildError(f"welds.{key}.points", f"two pairs of points cannot coincide: {apart}")
+            raise BuildError(f"welds.{key}.points", f"the two pairs cannot both coincide: {apart}")
         turn = np.arctan2(line_to[1], line_to[0]) - np.arctan2(line_link[1], line_link[0])
     return on_to - turn_vector(on_link, turn), turn
 

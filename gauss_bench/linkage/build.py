@@ -65,7 +65,7 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> mode
         own_inertia = [Mass(zero, point_masses[0].com, exact(number, table["inertia"]))] if "inertia" in table else []
         total = combine_masses([*point_masses, *own_inertia])
         if not total.inertia > 0:
-            raise BuildError(f"links.{name}.inertia", "required: masses at one point have none")
+            raise BuildError(f"links.{name}.inertia", "required: masses at one point have no inertia")
     return model.Link(name, total.mass, total.inertia, total.com, points, bars)
 
 

@@ -51,7 +51,7 @@ def pendulums(count: int) -> dict[str, Any]:
     return {
         "format": "planar-linkage/1",
         "name": f"pendulums_{count}",
-        "title": f"{count} pendulums, one hanging on the other",
+        "title": f"a chain of {count} pendulums",
         "gravity": [0.0, -9.81],
         "ground": {"points": {"O": [0.0, 0.0]}},
         "links": {name: _bar("A", "B") for name in bars},

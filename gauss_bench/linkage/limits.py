@@ -120,7 +120,7 @@ def _chain_faults(document: Mapping[str, Any]) -> Iterator[Fault]:
         for name in points:
             chain, closing = follow(points, name)
             if len(chain) > CHAINED and closing is None:
-                yield Fault(f"{path}.points.{name}.from", f"follows from more than {CHAINED} points, one after the other")
+                yield Fault(f"{path}.points.{name}.from", f"follows from a chain of more than {CHAINED} points")
                 return
 
 

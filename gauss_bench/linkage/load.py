@@ -142,7 +142,7 @@ def load_document(
     except (BuildError, AssemblyError) as error:
         raise LinkageError(source, [error.fault]) from error
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        raise LinkageError(source, [Fault("", f"its numbers cannot be computed with ({in_a_sentence(error)})")]) from error
+        raise LinkageError(source, [Fault("", f"calculating with its numbers fails ({in_a_sentence(error)})")]) from error
     if not all(np.isfinite(x).all() for x in (mechanism.q0, mechanism.v0, mechanism.mass)):
         raise LinkageError(source, [Fault("", "its numbers lead to a start that is not finite")])
     return mechanism

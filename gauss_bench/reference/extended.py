@@ -67,7 +67,7 @@ def extend_motion(
     """
     bits = np.finfo(LONG).nmant
     if bits <= MANTISSA:
-        raise ArithmeticError(f"long double has {bits} bits of mantissa on this platform, and needs more than {MANTISSA} here")
+        raise ArithmeticError(f"long double has {bits} bits of mantissa on this platform; more than {MANTISSA} are needed")
     linkage = Linkage(document, scenario)
     samples = {LONG(x) for x in times}
     breaks = {x for driver in drivers_of(document["scenarios"][scenario]) for x in find_breaks(driver, LONG)}
@@ -121,7 +121,7 @@ class Linkage:
         guess = assemble_doubles(document, scenario)
         mechanism = self.mechanism = build_mechanism(document, scenario, "", "", LONG)
         if mechanism.has_friction:
-            raise ArithmeticError("dry friction in joints: the collocation in long double has no equations for it")
+            raise ArithmeticError("the collocation in long double does not support dry friction in joints")
         free = replace(mechanism, drivers=())  # at the start, the scenario's prescribed values `held` take the place of the drivers
         close = Constraints(replace(free, knife_edges=())).residual  # knife edges restrict no positions
         held = list_held(mechanism, document["scenarios"][scenario], LONG)  # prescribed coordinates, with target values and rates

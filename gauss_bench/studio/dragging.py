@@ -29,7 +29,7 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
     pin = d.pins.get(id) or Pin(id, 0j, (id,))  # not a pin: the id is the reference of a point
     where = (f"pins.{id}",)
     if pin.is_grounded:
-        raise Refused(f"pin {id} is fixed to the ground: moving it changes the linkage, it does not drag it", where)
+        raise Refused(f"pin {id} is fixed to the ground: moving it would change the linkage instead of dragging it", where)
     if not pin.members:
         raise Refused(f"pin {id} joins no link that could be dragged: move the pin instead", where)
     locked: dict[str, list[str]] = {"pins": [], "links": [], "slides": [], "joints": []}  # group -> names

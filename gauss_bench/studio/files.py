@@ -99,7 +99,7 @@ def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> 
         known: content of `own` when it was read or written last.
     """
     if path.stem in built_in():
-        reason = "is the name of a built-in linkage, which commands would take instead of the file: choose another"
+        reason = "is the name of a built-in linkage, which commands would take instead of the file: choose another name"
         raise Refused(f"{path.stem} {reason}", field="path")
     if path.is_dir() or not path.parent.is_dir():
         raise Refused(f"{path.name}: its folder does not exist, or it is a folder itself", field="path")
@@ -153,7 +153,7 @@ def unpack_fragment(fragment: str) -> str:
         unpacking = zlib.decompressobj()
         text = unpacking.decompress(packed, MAX_BYTES + 1).decode("utf-8")
     except (ValueError, zlib.error) as error:
-        raise Refused("the link carries no linkage") from error
+        raise Refused("the address contains no linkage") from error
     if not unpacking.eof or len(text) > MAX_BYTES:
-        raise Refused("the link is cut off, or carries more than a linkage file")
+        raise Refused("the address is cut off, or contains more than a linkage file")
     return text

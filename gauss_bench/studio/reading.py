@@ -151,7 +151,7 @@ def read(document: Document, starts: bool = True) -> Reading:
     except AssemblyError:
         problems.append(_describe_gap(mechanism, q))
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        report("error", f"the numbers of the file cannot be computed with: {in_a_sentence(error)}")
+        report("error", f"calculating with the numbers of the file fails: {in_a_sentence(error)}")
     reading = Reading(document, rest, mechanism, q, closed, unplaced)
     for name in map(mechanism.link_name, loose_links(mechanism)):
         report("warning", f"{name} is loose: no joints lead from it to the ground", f"links.{name}")
@@ -227,7 +227,7 @@ def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
                 faults = [error.fault]
                 faults_of_build += faults
             except (ArithmeticError, ValueError, KeyError, TypeError, np.linalg.LinAlgError) as error:
-                faults_of_build.append(Fault("", f"the numbers of the file cannot be computed with: {in_a_sentence(error)}"))
+                faults_of_build.append(Fault("", f"calculating with the numbers of the file fails: {in_a_sentence(error)}"))
                 break
         for fault in faults:
             leave_out(document, fault)

@@ -411,7 +411,7 @@ class Workspace:
             usable &= condition > USABLE
         states = study.states[usable]
         if not len(states):
-            raise KernelError(f"{mechanism.name}: coordinates {plan.independent} do not determine the velocities anywhere")
+            raise KernelError(f"{mechanism.name}: coordinates {plan.independent} determine the velocities at no sample")
         graph = ExpressionGraph(len(states))
         links = self.links = Links(graph, mechanism, parameters, states)
         self.rows = rows_of(links)

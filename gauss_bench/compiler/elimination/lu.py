@@ -347,7 +347,7 @@ class _Markowitz:
             usable = (scaled >= RELATIVE * scaled.max(axis=0)) & (sizes >= SMALLEST) & self.trusted
             best = max([best, *usable], key=lambda x: int(x.sum()))
         if best.sum() < SHARE * len(best):
-            raise KernelError("no pivot is usable at all samples: the dependent coordinates do not follow from the others")
+            raise KernelError("no pivot is usable at enough samples: the dependent coordinates do not follow from the others")
         self.trusted, self.sizes = best, {}  # the stored sizes belong to the samples that were trusted before
 
     def _find_pivot(self, steady_only: bool = False) -> tuple[int, int, Array] | None:

@@ -271,7 +271,7 @@ def generate(
     if formulation not in FORMULATIONS:
         raise KernelError(f"no formulation {formulation}; there are {', '.join(FORMULATIONS)}")
     if mechanism.has_friction:
-        raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
+        raise KernelError(f"{mechanism.name}: kernels do not support dry friction, whose force depends on the accelerations")
     analysis = study(mechanism)
     if independent is not None and (len(set(independent)) != analysis.free or not set(independent) <= set(range(mechanism.n))):
         raise KernelError(f"{mechanism.name} has {analysis.free} independent coordinates among {mechanism.n}, not {independent}")

@@ -55,7 +55,7 @@ def explain_refusal(mechanism: Mechanism, force: Force) -> str | None:
     """Return the reason why a force has no exact counterpart among Exudyn's items, or None if it has one."""
     if factor := factor_of(force):  # its `share` is the fraction of the force that acts if the point moves against the force
         if isinstance(force, PointForce) and factor.share != 1.0:
-            return f"force {force.name} varies with the direction of its point's motion, and Exudyn's loads are not given the speed"
+            return f"force {force.name} depends on the direction of its point's motion, which Exudyn does not pass to loads"
         if isinstance(force, PointForce) and force.frame not in (GROUND, force.point.link):
             return f"force {force.name} varies and is fixed in a third link, for which Exudyn has no load"
         return None

@@ -78,7 +78,7 @@ def explain_absence() -> str | None:
     """Return a sentence which says that the compiled loop is not built yet and how to build it, or None if it is built."""
     if (user_cache.folder() / _cache_name()).is_file():
         return None
-    return f"{NOT_INSTALLED}: it was not built yet, which takes about 2 minutes: {HOW}"
+    return f"{NOT_INSTALLED}: it is not built yet; building it takes about 2 minutes: {HOW}"
 
 
 def write_command(program: str, root: Path, source: Path, target: Path) -> list[str]:

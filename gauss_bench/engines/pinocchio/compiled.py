@@ -44,11 +44,11 @@ ARGUMENTS = {  # function of loop.cpp -> types of its arguments after the linkag
 def unsupported_by_compiled_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str | None:
     """Return the reason why the compiled loop cannot run a mechanism with a setting, although Python can; None if it can."""
     if choice.stabilization == "projection":
-        return "Pinocchio's compiled loop has no projection, which is a part of the suite in Python"
+        return "Pinocchio's compiled loop does not support projection, which the suite does in Python"
     if mechanism.drivers:
-        return "Pinocchio's compiled loop has no drivers"
+        return "Pinocchio's compiled loop does not support drivers"
     if options["algorithm"] == "lcaba":
-        return "Pinocchio's compiled loop has no lcaba: it takes longer than constraintDynamics, and twice as long to build"
+        return "Pinocchio's compiled loop has no lcaba, which takes longer than constraintDynamics, and twice as long to build"
     names = ", ".join(f.name for f in mechanism.varying)
     return f"Pinocchio's compiled loop does not support forces that vary with time or direction: {names}" if names else None
 

@@ -103,7 +103,7 @@ class Drawing:
         if key is not None and isinstance(entries, dict):
             entries, path = entries.setdefault(key, {}), f"{name}.{key}"
         if not isinstance(entries, dict):
-            raise Refused(f"{path} is no table in this file: correct its text first", field=path)
+            raise Refused(f"{path} is no table in this file: correct the file first", field=path)
         return entries
 
     def link(self, name: Any) -> dict[str, Any]:
