@@ -178,7 +178,7 @@ def diagnose_runs(
         bursts, _ = observe(run, choices, until, told)
     if not bursts:
         return without_run(*ended)
-    told("the differences")
+    told("comparing the motions")
     with np.errstate(all="ignore"):
         case = Case(run, own, TrueMotion(own, reference), bursts, choices, adaptive, projected)
         cause, sentence, explanations = case.verdict()

@@ -113,7 +113,7 @@ def observe(
     checkpoint_times, bursts, runs = checkpoints(choices[0].step, until), list[Burst](), list[Run]()
     for choice in choices:
         setting = f"tolerance {choice.tolerance:g}" if choice.tolerance else f"steps of {choice.step:g} s"
-        told(f"a run by {setting}")
+        told(f"a run with {setting}")
         runs.append(run(choice, sample(choice.step, checkpoint_times)))
         samples = runs[-1].samples  # of a failed run, those before its failure
         observed = burst(choice, checkpoint_times, samples) if samples else None

@@ -149,7 +149,7 @@ def hold(environments: Path) -> Iterator[None]:
         try:
             fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise InstallationFault("another process installs or removes an engine; try again when it has ended") from error
+            raise InstallationFault("another process is installing or removing an engine; try again later") from error
         for path in environments.iterdir():
             if HIDDEN.fullmatch(path.name):
                 shutil.rmtree(path, ignore_errors=True)
