@@ -245,7 +245,7 @@ def test_what_cannot_be_a_kernel_is_refused():
         (mechanism, {"open_parameters": ("links.crank.weight",)}, r"links\.crank\.weight"),
         (mechanism, {"formulation": "newton"}, "formulation"),
         (mechanism, {"formulation": "gauss", "independent": (2, 5)}, "1 independent"),
-        (slider, {"formulation": "gauss", "independent": (8,)}, "do not determine"),  # the slider's angle never changes
+        (slider, {"formulation": "gauss", "independent": (8,)}, "velocities at no sample"),  # the slider's angle never changes
         (replace(driven, drivers=driven.drivers * 2), {}, "redundant"),
     ):
         with pytest.raises(KernelError, match=text):

@@ -215,7 +215,7 @@ def test_an_installation_is_refused_beside_another_and_with_a_faulty_file_of_eng
     try:
         fcntl.flock(other, fcntl.LOCK_EX)
         assert main(["engines", "install", "dart", "--yes"]) == 2
-        assert "another process installs" in capsys.readouterr().err
+        assert "another process is installing" in capsys.readouterr().err
         assert main(["engines"]) == 0
     finally:
         os.close(other)

@@ -162,5 +162,5 @@ def test_forces_that_no_ctrl_changes_are_named_at_the_head(tmp_path):
     document = tomllib.loads(CARTS.read_text(encoding="utf-8"))
     document["forces"]["turn"]["reaction"] = "cart"  # which never turns against the block
     text = export_linkage(load_document(document), "mujoco", 1e-3).text
-    assert "No ctrl changes turn: it moves nothing" in text
+    assert "No ctrl changes turn: it has no effect" in text
     assert "Motors: haul = -4 N, lift = 5 N." in text

@@ -151,7 +151,7 @@ def test_a_requirement_that_is_not_reached_leaves_no_file(monkeypatch, tmp_path,
 @pytest.mark.parametrize("step", [1e-3, 5e-4, 1e-4, 1e-5])
 def test_a_program_in_c_passes_no_vanishing_pivot_by_chance(step, tmp_path):
     needs_kind("c")
-    with pytest.raises(ExchangeError, match=r"another on its way, at t = 0\.03\d* s for any step"):
+    with pytest.raises(ExchangeError, match=r"needs a second, at t = 0\.03\d* s for any step"):
         export_linkage(load(GRIPPER, "grip"), "c", step)
     closing = load(GRIPPER, "close")
     file = tmp_path / "close.c"
