@@ -175,7 +175,7 @@ def test_a_stopped_program_advises_a_smaller_step_only_where_one_helps(monkeypat
     with pytest.raises(AssertionError, match="the step is too long here; a smaller one may help"):
         c_alone(four_bar, "2", "0.5")
     monkeypatch.undo()
-    with pytest.raises(ExchangeError, match="another on its way, or a shorter step"):
+    with pytest.raises(ExchangeError, match="needs a second, or a shorter step"):
         export_linkage(load("four_bar"), "c", 0.2)
 
 
