@@ -237,7 +237,7 @@ def effect(measured: Array, true: Array) -> str:
         return "it has no effect"
     if np.abs(measured + true).max() <= 0.5 * np.abs(true).max():  # measured is nearer to -true than to 0
         return "it acts in the opposite direction"
-    return f"its effect in the right direction is {factor:.6g} times what it should be"
+    return f"its effect is {factor:.6g} times what it should be, along the right direction"
 
 
 def check_joint_forces(subject: Subject) -> Iterator[Check]:
