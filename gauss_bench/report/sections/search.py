@@ -84,7 +84,7 @@ def describe_effort(rows: Sequence[Row]) -> str:
     """Return in words the largest allowed numbers of evaluations of a variant and of steps of a run; ranges if linkages differ."""
     limits = ([r[column] for r in with_number(rows, column)] for column in ("budget", "most_steps"))
     evaluations, steps = (range_text(numbers, "{:.0f}".format) for numbers in limits)
-    return f"{evaluations} evaluations and {steps} steps of a run at most"
+    return f"at most {evaluations} evaluations and {steps} steps per run"
 
 
 def reach_of_row(run: Run, row: Row) -> Reach:
