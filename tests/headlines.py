@@ -201,7 +201,7 @@ def search(run: Run) -> Iterator[None]:
             if not here:
                 continue
             expected = time_of(raced[key(r)]) / min(here)
-            part = re.search(rf"`{re.escape(r['engine'])}` (.*?)(?=; `|, where each )", sentence)
+            part = re.search(rf"`{re.escape(r['engine'])}` (.*?)(?=; `|, with the spread )", sentence)
             assert part, sentence
             within = PRINTED if r["seconds"] < SLOW else 0.2  # it sat later rounds out, which its own time does not tell
             assert after(part[1], r["mechanism"]) == pytest.approx(expected, rel=within), f"{r['engine']} {r['mechanism']}"

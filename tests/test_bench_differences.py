@@ -116,10 +116,10 @@ def test_an_earlier_format_is_compared_and_a_later_one_refused(tmp_path, capsys)
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ({"dirty": True}, "changed code"),
+        ({"dirty": True}, "uncommitted changes"),
         ({"commit": ""}, "commit"),
         ({"cpu": ""}, "processor"),
-        ({"shortened": "GAUSS_BENCH_ATTEMPTS=8"}, "in haste, with GAUSS_BENCH_ATTEMPTS=8"),
+        ({"shortened": "GAUSS_BENCH_ATTEMPTS=8"}, "shortcuts: GAUSS_BENCH_ATTEMPTS=8"),
     ],
 )
 def test_a_run_that_cannot_be_traced_is_not_published(more, said, tmp_path, capsys):

@@ -172,4 +172,4 @@ def test_a_miss_is_the_first_thing_the_findings_say():
     for planted, tone in ((met, "good"), (met | {"ratio": 30.0, "met": False}, "bad")):
         found = next(all_findings(Run({}, {"kernel_steps": (planted,)})))
         assert found.tone == tone
-        assert ("six_bar" in found.text and "30.0, 48.0 wanted" in found.text) is (tone == "bad")
+        assert ("six_bar" in found.text and "30.0, target 48.0" in found.text) is (tone == "bad")

@@ -153,7 +153,7 @@ def test_a_row_that_nothing_holds_has_no_share_and_its_loop_opens():
 
 def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(monkeypatch):
     only(monkeypatch, "check_declarations")
-    assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
+    assert "only variants" in broken("tests.faulty_engines:Hasty")["every declared inexactness has a cause"]
     assert {x.name for x in offers([*SAFE]) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
 
 

@@ -46,7 +46,7 @@ def test_an_altered_line_is_told_and_its_task_is_run_again(tmp_path, capsys):
     path.write_bytes(b"".join(lines) + b'{"key": "torn')
     with Journal(path) as journal:
         assert [bool(journal.find(f"case {k}", "stamp")) for k in range(3)] == [True, False, True]
-        assert "1 of 3 lines are not as they were written" in capsys.readouterr().err
+        assert "1 of 3 lines are damaged" in capsys.readouterr().err
         journal.add("case 1", "stamp", ROWS)
     with Journal(path) as journal:
         assert journal.find("case 1", "stamp") == ROWS

@@ -240,7 +240,7 @@ def test_costs_of_engines_in_environments_are_told_as_multiples_of_the_fastest()
     assert [x["coarse_over"] for x in lines[:3]] == [1.0, 8.0, 2.5]
     assert math.isnan(lines[3]["coarse_over"])
     assert shown.compare_costs(lines, ["apart", "slow", "soft"], "coarse") == (
-        "To hold a tenth of a millimetre on four_bar, in multiples of the time of `own`, the fastest engine, it takes "
+        "To hold a tenth of a millimetre on four_bar takes these multiples of the time of `own`, the fastest engine: "
         "`apart` 2.50 and `slow` 8.00; no setting of `soft` was found."
     )
     assert shown.compare_costs(lines, ["soft"], "coarse") == ""

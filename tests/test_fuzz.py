@@ -92,7 +92,7 @@ def test_no_path_drives_a_terminal_wherever_it_is_told(tmp_path, capsys):
     run = ["run", "crank_slider", "--suite", "gate", "--no-costs", "--until", "0.01", "--steps", "0.01", "--engine", "gauss"]
     assert cli.main([*run, "--jobs", "1", "--out", str(evil)]) == 0
     told = "".join(capsys.readouterr())
-    assert "1 of 1 lines are not as they were written" in told
+    assert "1 of 1 lines are damaged" in told
     assert "tables in" in told
     assert "\x1b" not in told
 

@@ -114,7 +114,7 @@ def ratio(value, low=np.nan, high=np.nan):
     ("baseline", "own", "rival", "text"),
     [
         ("lagrange", ratio(1.5, 1.4, 1.6), ratio(1.0, 1.0, 1.0), "four_bar rk4 1.50 (1.40..1.60); slower in 1 of 1."),
-        ("lagrange", ratio(1.5, 0.9, 1.6), ratio(1.0, 1.0, 1.0), "slower in 0 of 1, not told apart in 1."),
+        ("lagrange", ratio(1.5, 0.9, 1.6), ratio(1.0, 1.0, 1.0), "slower in 0 of 1, undecided in 1."),
         ("gauss", ratio(1.0, 1.0, 1.0), ratio(0.5, 0.4, 0.8), "four_bar rk4 2.00 (1.25..2.50)"),
     ],
 )
@@ -207,7 +207,7 @@ CALLS += [asked("called from Python", "as called", 0.8), asked("called from Pyth
         (
             "One right-hand side",
             {"rhs": CALLS},
-            ["takes 25.0 times", "0.800 times as long: there the kernel is slower on four_bar"],
+            ["takes 25.0 times", "0.800 times as long; the kernel is slower on four_bar"],
         ),
     ],
 )

@@ -162,5 +162,5 @@ def test_a_browser_draws_the_planted_runs_with_what_was_planted(planted, browser
             assert off(open_, expected(place, 0.0, "mujoco")) > 0.5 * float(factor) * OPEN * scale
         page.select_option("#pair [data-factor]", "1")
         assert off(drawn("b"), expected(place, 1.0, "mujoco")) < 0.1, "at 1 times a run's own pose is drawn"
-    assert "off closed loops" in page.inner_text("#pair [data-side=b] p")
+    assert "loops are open by" in page.inner_text("#pair [data-side=b] p")
     page.close()

@@ -444,7 +444,7 @@ def test_a_reason_is_told_once_and_names_by_what_became_of_them():
     rows += [change("default", "mu", "not there", "0.5"), change("default", "nu", "not there", "there")]
     rows += [change("default", "xi", "2", "not there"), change("default", "pi", "3", "3.14")]
     assert what_changed.describe_quantities(rows) == [
-        "4 questions answered since then, before: library 1.0 has no solver (four_bar, CG; four_bar, PGS)",
+        "4 questions answered now, but not before: library 1.0 has no solver (four_bar, CG; four_bar, PGS)",
         "1 question no longer answered: it diverges " + 11 * "again " + "... (four_bar, LU)",
         "names and defaults that are new: four_bar, mu (0.5), four_bar, nu",
         "names and defaults that are gone: four_bar, xi",

@@ -28,8 +28,8 @@ def test_the_control_is_named_and_what_is_not_valid_ranks_nowhere(valid, tone):
     rows = (row(), row("mujoco", valid=False, step_time=1e-9), row("yuan_ge_eq16", valid=valid, **wrong))
     found = {x.title: x for x in all_findings(Run({}, {"results": rows}))}
     control = found["The negative control"]
-    assert control.text.startswith("`yuan_ge_eq16` satisfies the constraints of acceleration to 1.0e-13 and is still wrong")
-    assert (control.tone, "No row of it passes the gate" in control.text) == (tone, not valid)
+    assert control.text.startswith("`yuan_ge_eq16` satisfies the acceleration constraints to 1.0e-13 and is still wrong")
+    assert (control.tone, "None of its rows passes the gate" in control.text) == (tone, not valid)
     assert "Cheapest within 1e-03 rad: `gauss`" in found["four_bar, torque"].text
 
 

@@ -433,7 +433,7 @@ def expected_answers():
     mujoco = cheapest_stored(published(), "four_bar", 1e-4)["mujoco"]
     return {
         "Which settings hold 0.1 mm in MuJoCo?": describe_setting(published(), mujoco),
-        "Which engine is the most exact on redundant loops?": f"Most accurate: {exact.engine}",
+        "Which engine is most accurate on redundant loops?": f"Most accurate: {exact.engine}",
         "Why is Exudyn slow here?": "Most of this comes from the",
         "Is Gauss faster than Lagrange?": f"faster on {(claim.ratio_low > 1).sum()} of {len(claim)} linkages",
         "Where may this suite be biased?": f"wrote {len(engines & {*published().own_engines})} of its {len(engines)} engines",

@@ -61,9 +61,9 @@ def check_declarations(subject: Subject) -> Iterator[Check]:
             if len(cause) < MIN_REASON_LENGTH:
                 faults.append(f"{label}: {word} without a cause")
             if word == "unfinished" and label in offer.settings:
-                faults.append(f"{label}: settings may be soft, but only variants unfinished")
+                faults.append(f"{label}: only variants may be declared unfinished")
     causes = dict.fromkeys((*offer.soft.values(), *offer.unfinished.values()))
-    yield Check("what is declared inexact has a cause", not faults, "; ".join(faults or causes))
+    yield Check("every declared inexactness has a cause", not faults, "; ".join(faults or causes))
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Answer:
         if self.wrong or self.refused:
             return self.wrong
         if not self.along <= ALONG:  # `not <=` instead of `>`, here and below: NaN is a fault too
-            cause = explain_size(self.along) or "not soft loops, but a wrong mass, force or row of J"
+            cause = explain_size(self.along) or "soft loops do not explain this; a mass, force or row of J is wrong"
             return f"N^T (M a - Q) is {self.along:.1e} of N^T Q: {cause}"
         if not self.gamma >= LEAST_GAMMA:
             share = round(self.gamma, 2) + 0.0  # no negative zero
@@ -110,7 +110,7 @@ def explain_size(error: float) -> str:
     least, most = SINGLE
     if not least < error <= most:
         return ""
-    return "as large as the rounding of single precision (float32); in double precision it would be a wrong number"
+    return "as large as the rounding of single precision (float32); in double precision a number is wrong"
 
 
 def ask(subject: Subject, choice: Choice, known: Probe) -> Answer:
@@ -188,7 +188,7 @@ def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
         return Check(title, False, f"{faults[worst]} ({worst}){others}")
     message = f"agree to {digits(max(x.off for x in modelled.values()))}"
     if soft:  # errors `off` of whole accelerations are reported without a limit; those along free directions (`along`) have one
-        message += f", those that constraints leave free to {digits(max(x.along for x in modelled.values()))},"
+        message += f", those along free directions to {digits(max(x.along for x in modelled.values()))},"
     count = sum(len(x.given) for x in modelled.values() if x.given is not None)
     message += f" at {count} states of {len(modelled)} linkage{'s' * (len(modelled) > 1)}"
     refused = [name for name, x in answers.items() if x.refused]
@@ -237,7 +237,7 @@ def effect(measured: Array, true: Array) -> str:
         return "it has no effect"
     if np.abs(measured + true).max() <= 0.5 * np.abs(true).max():  # measured is nearer to -true than to 0
         return "it acts in the opposite direction"
-    return f"its effect is {factor:.6g} times what it should be, in the direction that it should have"
+    return f"its effect is {factor:.6g} times what it should be, along the right direction"
 
 
 def check_joint_forces(subject: Subject) -> Iterator[Check]:

@@ -107,7 +107,7 @@ def _check_derivatives(subject: Subject) -> Iterator[Check]:
             shorter_steps = [replace(subject.usual, step=STEP / k) for k in PARTS]
             finer = [subject.perform(mechanism_of(linkage, scenario), choice, EVERY_STEP).trajectory for choice in shorter_steps]
             if explains_lateness(run.trajectory, *finer):
-                yield Check(title, True, f"{fault}, and less the shorter the steps are: a method of first order")
+                yield Check(title, True, f"{fault}, less with shorter steps: a method of first order")
                 continue
         yield check_fault(title, fault)
 
@@ -123,7 +123,7 @@ def rates_fault(x: Trajectory) -> tuple[str, bool]:
         reported = high[1:-1]  # (k - 2, n)
         apart = np.median(np.abs(slope - reported).max(axis=1)) / max(np.abs(slope).max(), 1e-12)
         if apart > DERIVED:
-            fault = f"{words} and differences are {apart:.1%} apart: units, order of links, a reference point, or another time"
+            fault = f"{words} and difference quotients differ by {apart:.1%}: units, link order, reference point, or another time"
             return fault, False
         if abs(late := lateness(slope, reported)) > LATE:
             return f"{words} are {abs(late):.2g} steps {'late' if late > 0 else 'early'}", True
@@ -182,7 +182,7 @@ def _check_undisturbed(subject: Subject) -> Iterator[Check]:
             return
     fault = "" if asked.answer is not None and np.isfinite(np.asarray(asked.answer, dtype=float)).all() else "it is not finite"
     yield check_fault("an acceleration is a finite number for each coordinate", fault)
-    yield check_fault(title, "" if _agree(plain, asked) else "a run changes after a question at its start")
+    yield check_fault(title, "" if _agree(plain, asked) else "asking at its start changes the run")
 
 
 def _check_step_counts(subject: Subject) -> Iterator[Check]:

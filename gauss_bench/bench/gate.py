@@ -153,7 +153,7 @@ def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
     if base is None or value is None:
         # an order exists only while errors are above their floor: a missing order is reported (as "better"), and does not fail
         outcome = "better" if metric == "observed_order" else "fail"
-        return verdict(outcome, value or missing, "present on both sides", base or missing)
+        return verdict(outcome, value or missing, "present in run and baseline", base or missing)
     if metric in ("status", "valid"):
         return verdict("ok" if value == base else "fail", value, base, base)
     x, b = float(value), float(base)  # of this run, and of the baseline

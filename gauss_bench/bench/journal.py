@@ -81,7 +81,7 @@ class Journal:
         entries = [entry_of(line + b"\n") for line in lines]
         self.entries = {entry["key"]: entry for entry in entries if entry}
         if damaged := entries.count(None):
-            what = f"{damaged} of {len(lines)} lines are not as they were written; their tasks are run again"
+            what = f"{damaged} of {len(lines)} lines are damaged; their tasks are run again"
             print(harmless(f"warning: {self.path}: {what}"), file=sys.stderr)
         return self
 

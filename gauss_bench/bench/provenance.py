@@ -47,8 +47,8 @@ def check_publishable(folder: Path) -> None:
     facts = read_environment(folder)
     faults = {
         "does not name the commit of the code that was run": not facts.get("commit"),
-        "the run was made from changed code": facts.get("dirty"),
-        f"kernels were made in haste, with {facts.get('shortened')}": facts.get("shortened"),
+        "the code had uncommitted changes": facts.get("dirty"),
+        f"kernels were compiled with shortcuts: {facts.get('shortened')}": facts.get("shortened"),
         "does not name the processor on which times were measured": (folder / TIMES).exists() and not facts.get("cpu"),
     }
     for fault, is_present in faults.items():

@@ -52,7 +52,7 @@ LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "va
 def motion_picture(run: Run) -> str:
     """Return the SVG of the runs PLAYED side by side, with loop openings magnified MAGNIFICATION times."""
     turn = find_turn(run, LINKAGE)
-    assert turn is not None, f"the crank of {LINKAGE} turns fully"
+    assert turn is not None, f"the crank of {LINKAGE} does not turn fully"
     mechanism = turn.mechanism
     links = [link.name for link in mechanism.links]
     motion = read_reference(run, LINKAGE, SCENARIO, links)
@@ -86,7 +86,7 @@ def motion_picture(run: Run) -> str:
     width, height = 2 * canvas.width + GAP, canvas.height + TOP + TEXTS
     parts.append(draw_text(width / 2, height - 14, caption, MUTED, 16))
     runs = itemise(f"{x.label} at a step of 1 ms" for x in played)
-    title = f"The four-bar of this suite, the same start and torque, in two engines: {runs}; the rows of table poses"
+    title = f"The four-bar of this suite, the same start and torque, in two engines: {runs}; rows of the table poses"
     return write_svg(title, width, height, parts, STYLE)
 
 
@@ -169,7 +169,7 @@ def cost_picture(run: Run) -> str:
     width, height = (float(x) for x in re.findall(r'(?:width|height)="([\d.]+)"', drawn)[:2])
     inside = drawn[drawn.index(">") + 1 : drawn.rindex("</svg>")]  # content of its <svg> element
     title = (
-        "Error against time on the four-bar, of each engine the settings that none of its others beats in both; "
+        "Error against time on the four-bar: the settings of each engine that none of its others beats in both; "
         f"{len(rows)} settings of {len(fronts)} engines"
     )
     return write_svg(title, width, height, [inside], "")

@@ -19,9 +19,9 @@ TITLE = "# What changed between releases"
 RULE = (
     "Each release computes accelerations at the same states, and a run of 1 s at steps of 1 ms. Both are repeated from starts "
     "changed by 1e-14, which shows the effect of rounding. A difference between two neighbouring releases is real if it "
-    "exceeds 50 times that effect; else it is rounding. It is also real if a changed start changes the answers of one of both "
+    "exceeds 50 times that effect; otherwise it is rounding. It is also real if a changed start changes the answers of one release "
     "by more than a thousandth, and those of the other by less than a millionth. A cost changed if the range of its ratio lies "
-    "more than 5 % from 1, and beyond the ratios that the newest release has against itself."
+    "more than 5 % from 1, and beyond the ratio of two timings of the newest release."
 )
 
 
@@ -75,7 +75,7 @@ def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
 def describe_answers(was: str, now: str, rows: Sequence[Row]) -> str:
     """Return a sentence on the questions to which only one of two releases gives a result."""
     cases = name_some(sorted({place_of(row) for row in rows}), "; ")
-    change = f"answered since then, before: {was}" if now == WORKS else f"no longer answered: {now}"
+    change = f"answered now, but not before: {was}" if now == WORKS else f"no longer answered: {now}"
     return f"{count(len(rows), 'question')} {change} ({cases})"
 
 
@@ -120,7 +120,7 @@ def write_page(tables: Mapping[str, Sequence[Row]]) -> str:
     for heading, sentences in describe_changes(tables):
         lines += [f"## {heading}", "", *(f"- {x}" for x in sentences), ""]
     if unusable := describe_unusable(tables["releases"]):
-        lines += ["## Without answers", "", *(f"- {x}" for x in unusable), ""]
+        lines += ["## Without results", "", *(f"- {x}" for x in unusable), ""]
     return "\n".join(lines)
 
 

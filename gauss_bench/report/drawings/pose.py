@@ -92,7 +92,7 @@ def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
         try:
             return parse_toml(text), hashlib.sha256(text.encode()).hexdigest(), Path(f"{name}.toml")
         except tomllib.TOMLDecodeError as error:
-            raise LinkageError(name, [Fault("", f"the file that the run stored is no TOML: {error}")]) from error
+            raise LinkageError(name, [Fault("", f"the file that the run stored is not TOML: {error}")]) from error
     if name not in built_in():
         raise LinkageError(name, [Fault("", "the run did not store its file")])
     return document_of(name)

@@ -60,7 +60,7 @@ def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
         if off:
             span = range_text([row[ERROR] for row in off], error_text)
             text = (
-                f"`{name}` (settings {settings}) computes another acceleration at the same state: median relative error {span} on "
+                f"`{name}` (settings {settings}) has a different acceleration at the same state: median relative error {span} on "
                 f"{itemise(row['mechanism'] for row in off)}. A smaller step cannot change that"
             )
             ending, behind = _show_flat_error(run, off)
@@ -99,15 +99,15 @@ def find_controls(run: Run) -> Iterator[Finding]:
         errors = [row[ERROR] for row in with_number(group, ERROR)]
         if not errors:
             continue
-        holds = f"satisfies the constraints of acceleration to {error_text(max(residuals))} and is" if residuals else "is"
+        holds = f"satisfies the acceleration constraints to {error_text(max(residuals))} and is" if residuals else "is"
         passed = sum(bool(row["valid"]) for row in group)
-        caught = "No row of it passes the gate."
+        caught = "None of its rows passes the gate."
         if passed:
             caught = f"**{passed} of its {len(group)} rows pass the gate: it is too wide.**"
         yield Finding(
             "The negative control",
             f"`{name}` {holds} still wrong: the median relative error of its acceleration is {range_text(errors, error_text)}. "
-            f"{caught} Residuals alone would not have shown it.",
+            f"{caught} Residuals alone do not show this error.",
             "bad" if passed else "good",
             behind=(lay_out("behind_control", group),),
         )

@@ -21,7 +21,7 @@ def findings(run: Run) -> Iterator[Finding]:
         above = sum(x.value > 1 for x in ratios.values())
         slower = sum(first_number(x.low, x.value) > 1 for x in ratios.values())  # by the whole range, if the range is known
         level = sum(x.low <= 1 <= x.high for x in ratios.values())
-        undecided = f", not told apart in {level}" if level else ""
+        undecided = f", undecided in {level}" if level else ""
         listed = itemise(f"{name} {x.print_with(ratio_text)}" for name, x in ratios.items())
         lines = [{"where": k, "ratio": x.value, "ratio_low": x.low, "ratio_high": x.high} for k, x in ratios.items()]
         yield Finding(

@@ -43,7 +43,7 @@ def describe_questions(run: Run) -> str:
 def describe_run(run: Run) -> str:
     """Return sentences on the separate run that gave the rows, and on why its times differ from those on other pages."""
     return (
-        f"The rows are of a run of their own ({', '.join(list_facts(run.field_run))}). Its times are those of a brief search; "
+        f"The rows come from a separate run ({', '.join(list_facts(run.field_run))}). Its times are those of a brief search; "
         f"the suite `{run.environment.get('suite', '')}`, whose times are on other pages, searched longer and found other settings."
     )
 
@@ -168,5 +168,5 @@ def compare_costs(lines: Sequence[Row], engines: Sequence[str], key: str) -> str
     listed = itemise(f"`{x}` {ratio_text(multiples[x])}" for x in timed)
     without = itemise_code(x for x in engines if x not in multiples)
     place = f"To hold {WORDS[key]} on {lines[0]['mechanism']}"
-    text = f"{place}, in multiples of the time of `{fastest}`, the fastest engine, it takes {listed}"
+    text = f"{place} takes these multiples of the time of `{fastest}`, the fastest engine: {listed}"
     return f"{text}; no setting of {without} was found." if without else f"{text}."

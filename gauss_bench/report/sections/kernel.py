@@ -121,7 +121,7 @@ def find_missed_targets(run: Run) -> Iterator[Finding]:
             reached, wanted = (_print(row[column]) if column else ""), _print(row["target"])
             lines.append({**row, "what": WORDS[table], "where": _name_row(row), "reached": reached, "wanted": wanted})
             if not row.get("met"):
-                outcome = f"{reached}, {wanted} wanted" if column else "not measured"
+                outcome = f"{reached}, target {wanted}" if column else "not measured"
                 missed.append(f"{WORDS[table]} of {_name_row(row)} ({outcome})")
     behind = [lay_out("behind_targets", sorted(lines, key=lambda line: bool(line.get("met"))))]  # missed targets first
     targets = count(len(lines), "target")
@@ -193,7 +193,7 @@ def describe_right_hand_sides(rows: Sequence[Row]) -> str:
         return ""
     in_loop, called = (range_text([r["ratio"] for r in by_call[call]]) for call in (IN_LOOP, CALLED))
     slower = itemise(sorted({r["mechanism"] for r in by_call[CALLED] if r["ratio"] < 1}))
-    exception = f": there the kernel is slower on {slower}" if slower else ""
+    exception = f"; the kernel is slower on {slower}" if slower else ""
     return (
         f"Pinocchio's right-hand side, without its call from Python, takes {in_loop} times as long as the kernel's in its own "
         f"loop. Called from Python for one state, it takes {called} times as long{exception}."

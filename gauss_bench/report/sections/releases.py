@@ -6,8 +6,8 @@ from gauss_bench.report.what_changed import NAMES, RULE, describe_changes, descr
 
 PLACE = 85
 # reasons for missing values of a row, by the keys that `content.missing_reason` reads
-NO_VALUE = {"missing": "no earlier release to compare with", "why_message": "it answered all questions"}
-NO_TIME = {"missing": "one of both was not timed", "why_verdict": "the others are compared with it"}
+NO_VALUE = {"missing": "no earlier release to compare with", "why_message": "no question failed"}
+NO_TIME = {"missing": "one of the two was not timed", "why_verdict": "others are compared with this release"}
 TITLE, ANCHOR = "What changed between releases", "releases"
 
 
@@ -29,7 +29,7 @@ def engine_section(run: Run, engine: str, releases: list[Row]) -> Section:
     for heading, sentences in reversed(describe_changes(tables)):
         blocks += [Text(f"**{heading}**"), Bullets(sentences)]
     if unusable := describe_unusable(ordered):
-        blocks += [Text("**without answers**"), Bullets(unusable)]
+        blocks += [Text("**without results**"), Bullets(unusable)]
     blocks += blocks_of("releases", [{**row, **NO_VALUE} for row in ordered], engine=engine)
     blocks += blocks_of("release_changes", with_number(tables["release_changes"], "difference"), engine=engine)
     blocks += blocks_of("release_costs", [{**row, **NO_TIME} for row in tables["release_costs"]], engine=engine)

@@ -17,7 +17,7 @@ GROUPS = ("running", "static", "equilibria", "settling", "formulas")  # groups o
 QUOTED = ("mean", "settles_above", "settles_below", "torque")  # keys of the rows that the finding quotes
 CURVES = (  # column of `paper_motion`, title of the figure, axis
     ("theta1_rate", "The crank's speed", "speed of the crank [rad/s]"),
-    ("x3", "The slider", "place of the slider [m]"),
+    ("x3", "The slider", "position of the slider [m]"),
 )
 
 

@@ -84,7 +84,7 @@ def describe_effort(rows: Sequence[Row]) -> str:
     """Return in words the largest allowed numbers of evaluations of a variant and of steps of a run; ranges if linkages differ."""
     limits = ([r[column] for r in with_number(rows, column)] for column in ("budget", "most_steps"))
     evaluations, steps = (range_text(numbers, "{:.0f}".format) for numbers in limits)
-    return f"{evaluations} evaluations and {steps} steps of a run at most"
+    return f"at most {evaluations} evaluations and {steps} steps per run"
 
 
 def reach_of_row(run: Run, row: Row) -> Reach:
@@ -97,7 +97,7 @@ def findings(run: Run) -> Iterator[Finding]:
     unsearched = [r for r in run.table("search_winners") if not r["required"]]
     if unsearched:
         reasons = "; ".join(f"{r['mechanism']}: {r['message']}" for r in unsearched)
-        text = f"The race of {count(len(unsearched), 'linkage')} was lost: {reasons}."
+        text = f"The races on {count(len(unsearched), 'linkage')} failed: {reasons}."
         yield Finding("Not searched", text, "bad", behind=(lay_out("behind_lost", unsearched),))
     yield from compare_owned(run)
     groups = group_by((r for r in run.table("search_winners") if r["required"]), "required", "accuracy")
@@ -113,8 +113,8 @@ def findings(run: Run) -> Iterator[Finding]:
             ours = itemise_code(r["engine"] for r in group if r.get("ours"))
             text = (
                 f"{''.join(lost)}The cheaper of {ours} is this many times as fast as the searched best of {'; '.join(ratios)}, "
-                f"where each variant had {describe_effort(group)}, and in brackets "
-                f"the spread of the race.{''.join(name_left_out(run, group))}"
+                f"with the spread of the race in brackets; each variant had {describe_effort(group)}."
+                f"{''.join(name_left_out(run, group))}"
             )
             title = f"Within {limit_text(accuracy)} {group[0]['unit']} of {ERRORS.get(kind, kind)} {search_span(run)}"
             behind = lay_out("behind_search", list_winners(run, group))
@@ -126,7 +126,7 @@ def compare_owned(run: Run) -> Iterator[Finding]:
     for engine, rows in group_by(run.table("search_owned"), "engine").items():
         ratios = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]
         missed = [f"{_place(r)} ({r['message']})" for r in rows if r["status"] != OK]
-        parts = [f"hold {itemise(ratios)} times as long as our cheapest"] if ratios else []
+        parts = [f"take this multiple of the time of our cheapest: {itemise(ratios)}"] if ratios else []
         parts += [f"do not hold {itemise(missed)}"] if missed else []
         if parts:
             text = f"The settings of `{engine}` {BY_AUTHORS} {'; they '.join(parts)}."
@@ -144,7 +144,7 @@ def compare_best(run: Run, group: Sequence[Row]) -> str:
     faster = group_by(list_faster(group), "engine").items()
     wins = itemise(f"{_mark_engine(run, engine)} is faster on {len(rows)}" for engine, rows in faster)
     ratios = [r["ratio"] for r in with_number(group, "ratio") if r["engine"] not in run.own_engines]
-    others = f"the engines of others take {range_text(ratios)} times as long" if ratios else ""
+    others = f"engines by others take {range_text(ratios)} times as long" if ratios else ""
     outcome = "; ".join(filter(None, (wins, others)))
     return f"Against the cheaper of our compiled formulations on {raced}, {outcome}." if outcome else ""
 
@@ -200,7 +200,7 @@ def name_defeats(run: Run, group: Sequence[Row]) -> Iterator[str]:
         # engines that were skipped or not tried do not count as defeated
         if any(reach_of_row(run, r).kind is Kind.NOT_REACHED for r in ours):
             others = itemise(f"`{r['engine']}`" for r in rows if r["status"] == OK)
-            yield f"**Our own engines do not reach it on {linkage}**{f', {others} does' if others else ''}. "
+            yield f"**Our own engines do not meet the requirement on {linkage}**{f', unlike {others}' if others else ''}. "
     missed = [r for r in with_number(group, "target") if not r["met"]]
     if short := [f"`{r['engine']}` on {_print_ratio(run, r)} instead of {ratio_text(r['target'])}" for r in missed]:
         yield f"**Our lead misses its target** over {itemise(short)}. "

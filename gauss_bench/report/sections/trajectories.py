@@ -140,7 +140,7 @@ def find_wrong_motion(run: Run) -> Iterator[Finding]:
         truth = f"{measured_unit([row])} from the true {measured_name([row])}"
         yield Finding(
             "Closed loops, wrong motion",
-            f"In the scenario {row['scenario']}, {describe_case(row)} {loops} and its model right, raises no warning, and ends "
+            f"In the scenario {row['scenario']}, {describe_case(row)} {loops}, has the right model, raises no warning, and ends "
             f"{end_error(row):.3g} {truth}. "
             f"{count(len(rows), 'row')} of this kind ended more than {LOST:g} {measured_unit(rows)} off.",
             "warn",

@@ -57,7 +57,7 @@ def releases_page(run: Run) -> Page | None:
 
 def method_page(run: Run) -> Page:
     """Return the page on the method: an opening text, limitations and biases, then every section that no other page has."""
-    lead = "What is compared, what counts as true, what a time is, and where all of this ends."
+    lead = "What is compared, what counts as true, what a time is, and the limits of the comparison."
     # limitations and biases come first; the sections that are left out have pages of their own
     others = [x for x in all_sections() if x not in (*PAPERS, kernel, releases, limitations, bias, field)]
     return make_chapter("method", "Method", lead, make_sections(run, [limitations, bias, *others]), opening=render("method.html"))

@@ -268,7 +268,7 @@ def atlas_table(rows: Sequence[Row]) -> Table:
             missing = "not run further"
         lines.append({**r, "setting": setting, "passes": ends["passes_to"], "breaks": ends["breaks_at"], "missing": missing})
     commits = itemise(sorted({r["commit"] for r in rows} - {""}))
-    note = f"Each axis is run from easy to hard, one thing changed at a time{f'; by the code of {commits}' if commits else ''}."
+    note = f"Each axis is run from easy to hard, one thing changed at a time{f'; at commit {commits}' if commits else ''}."
     return lay_out("engine_atlas", lines, note=note)
 
 

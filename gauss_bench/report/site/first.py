@@ -100,7 +100,7 @@ def claim_card(run: Run) -> Card | None:
     sentence = (
         f"Compiled by the same generator, a step by Gauss (n - m unknowns) is faster than one by Lagrange multipliers (n + m) on "
         f"{verdicts['holds']} of {count(len(rows), 'linkage')}, slower on {verdicts['reversed']}, and neither on "
-        f"{verdicts['open']}; the middle ratio of times is {middle}."
+        f"{verdicts['open']}; the median ratio of times is {middle}."
     )
     columns = {"name": "mechanism", "y": "ratio", "low": "ratio_low", "high": "ratio_high"}
     ratios = [{key: r.get(column, math.nan) for key, column in columns.items()} for r in rows]
@@ -151,7 +151,7 @@ def list_questions(run: Run, findings: Sequence[Finding], preferred: str) -> Ite
     setting = cheapest_stored(run, preferred, USUAL).get("mujoco")
     if setting is not None:
         size = f"step {describe_size(setting)}" if is_known(setting.step) else describe_size(setting)
-        answer = f"On {preferred} the cheapest is {describe_setting(run, setting)}, {size}; the page has those of every linkage."
+        answer = f"On {preferred} the cheapest is {describe_setting(run, setting)}, {size}; its page lists all linkages."
         yield Question(question=f"Which settings hold {1e3 * USUAL:g} mm in MuJoCo?", answer=answer, page="engine-mujoco.html#best")
     for name in scenarios(run):
         try:
@@ -161,7 +161,7 @@ def list_questions(run: Run, findings: Sequence[Finding], preferred: str) -> Ite
         rows = [r for r in run.cases_of(name) if may_rank(r) and is_known(end_error(r))]
         if redundant > 0 and rows:
             answer = f"{name_most_accurate(rows).rstrip('.')}, on {name}, which has {count(redundant, 'redundant row')}."
-            question = "Which engine is the most exact on redundant loops?"
+            question = "Which engine is most accurate on redundant loops?"
             yield Question(question=question, answer=answer, page=f"linkage-{file_name(name)}.html#cases")
             break
     if why := explain_time(run, "exudyn"):

@@ -238,5 +238,5 @@ def history_chart(run: Run, linkage: str, column: str, name: str, title: str, wo
     words = f"{words} Cases, at a step of {STEP:g} s if there is one: {cases}."
     # every LISTED-th point of each line, counted from its last point, which is kept
     listed = [row for line in lines for row in line[::-LISTED][::-1]]
-    note = f"One of {LISTED} drawn points; `series.parquet` of the data page has all."
+    note = f"Every {LISTED}th drawn point; `series.parquet` of the data page has all."
     return Chart(name, title, words, specify_lines(rows, axis), rows, head, toggles_of(firsts), shown, listed=listed, note=note)

@@ -69,7 +69,7 @@ def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[st
             return fragment, len(poses)
         if len(poses) == 1:
             raise TooLarge(
-                f"the linkage takes {len(fragment)} characters of an address, which holds {LIMITS['fragment']}: share the file"
+                f"the linkage takes {len(fragment)} characters; an address can hold {LIMITS['fragment']}: share the file"
             )
         stride *= 2
 

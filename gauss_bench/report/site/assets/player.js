@@ -80,7 +80,7 @@
       const stage = double.querySelector(`[data-side=${side}]`);
       place(stage, magnify(run, frame, Number(factor.value)));
       const ended = last < x ? `, ended at ${pair.times[last].toFixed(2)} s` : "";
-      stage.querySelector("p").textContent = `${run.name}: links are up to ${millimetres(interpolate(run.off, frame))} off the reference, and up to ${millimetres(interpolate(run.open, frame))} off closed loops${ended}`;
+      stage.querySelector("p").textContent = `${run.name}: links are up to ${millimetres(interpolate(run.off, frame))} off the reference, and loops are open by up to ${millimetres(interpolate(run.open, frame))}${ended}`;
     }
     double.querySelector("output").textContent = `${interpolate(pair.times, x).toFixed(2)} s`;
   });

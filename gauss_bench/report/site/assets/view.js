@@ -48,7 +48,7 @@
     return differences.map((x) => {
       step += number(x);
       sum += step;
-      return Number.isInteger(x) ? number(sum) : refuse("it has a pose that is no whole number");
+      return Number.isInteger(x) ? number(sum) : refuse("a pose is not in whole numbers");
     });
   }
 
