@@ -267,7 +267,7 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
             if received != token:
                 raise NoAnswer(f"{bytes(buffer[:40])!r}")
             if length > largest:
-                raise NoAnswer(f"an answer of {length} bytes where {largest} are the most that is expected")
+                raise NoAnswer(f"an answer of {length} bytes; at most {largest} are expected")
             needed, header_read = HEADER.size + length, True
     if len(buffer) > needed:
         raise NoAnswer(f"{len(buffer) - needed} bytes too many")
