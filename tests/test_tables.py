@@ -193,7 +193,7 @@ def test_times_of_a_missing_row_are_refused(tmp_path):
     accuracy, _ = tables.write_table("results", [CASE | {"step_time": 5e-5}], tmp_path)
     tables.write_schema(tmp_path)
     accuracy.write_text(accuracy.read_text().replace("four_bar", "six_bar"))
-    with pytest.raises(TableError, match=r"times/results.csv: a row of times has no row .* four_bar torque"):
+    with pytest.raises(TableError, match=r"times/results.csv: a row of times has no matching row .* four_bar torque"):
         tables.read_table("results", tmp_path)
 
 

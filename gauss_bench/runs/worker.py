@@ -181,7 +181,7 @@ class Worker:
             raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:.3g} s{printed}") from error
         except NoAnswer as error:
             self.stop()
-            raise WorkerFailure(Status.CRASHED, f"the process sent data that are no answer: {in_a_sentence(error)}") from error
+            raise WorkerFailure(Status.CRASHED, f"the process sent no valid answer: {in_a_sentence(error)}") from error
         except (EOFError, OSError, ValueError) as error:
             if self.process is not process:  # another thread stopped it and closed its pipes
                 raise WorkerFailure(Status.CRASHED, "the process was stopped") from error

@@ -113,7 +113,7 @@ def check(path: Path, stamp: Mapping[str, Any]) -> None:
         return
     if PLAN not in content:  # a sweep that was killed before it wrote its plan leaves an empty folder PARTS
         if content != {PARTS} or any((path / PARTS).iterdir()):
-            raise SweepError(f"--out {path}: holds files of no sweep; take an empty or a new folder")
+            raise SweepError(f"--out {path}: holds something other than a sweep; take an empty or a new folder")
         return
     try:
         stored = json.loads((path / PLAN).read_text(encoding="utf-8"))
