@@ -168,7 +168,7 @@ def check_memory() -> None:
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
         least = f"{LEAST_MEMORY >> 10} kB"
-        raise BadInput(f"a limit leaves {limit >> 10} kB of memory (`ulimit -v`); the libraries need {least}")
+        raise BadInput(f"`ulimit -v` leaves {limit >> 10} kB of memory; the libraries need {least}")
 
 
 def perform(name: str, options: argparse.Namespace) -> int:

@@ -187,7 +187,7 @@ def copy_numbers(x: object) -> Array:
     """
     given = np.asarray(np.ma.filled(x, np.nan) if np.ma.isMaskedArray(x) else x)
     if given.dtype.kind not in "fiu":
-        raise TypeError(f"{given.dtype} where real numbers are wanted")
+        raise TypeError(f"{given.dtype}, not real numbers")
     return np.array(given, dtype=float)
 
 
@@ -201,7 +201,7 @@ def _count(x: Any) -> int | None:
         return None
     count = int(x)
     if not 0 <= count <= 1 << 53:  # a table stores it as a double, which is exact up to 2^53
-        raise ValueError(f"{x} is no count")
+        raise ValueError(f"{x} is not a count")
     return count
 
 
@@ -239,7 +239,7 @@ def judge(evidence: Evidence) -> Judgement:
 
 def _check_model(x: Evidence) -> Iterator[Objection]:
     """Yield the possible objections to accelerations, loops, energy and steps; `judge` keeps those with value > limit."""
-    between_two = "formulations of the same accelerations differ by {:.2g} (median): masses or lengths lie too far apart"
+    between_two = "formulations of the same accelerations differ by {:.2g} (median): masses or lengths differ too much"
     of_engine = "accelerations off by {:.2g} at the same state (median)"
     for off, sentence in ((x.acceleration_error, of_engine), (x.disagreement, between_two)):
         if off is not None:
@@ -353,8 +353,8 @@ def advice(objections: tuple[Objection, ...], step: float, stabilized: bool, ada
     subjects = {x.subject for x in objections}
     if Subject.MODEL in subjects:
         finer = "a tighter tolerance" if adaptive else f"a step smaller than {step:g} s"
-        remedy = f"{finer} mends accelerations that an engine takes from its steps"
-        return f"do not trust it; {remedy}; else look for another engine or setting"
+        remedy = f"{finer} corrects accelerations that an engine computes from its steps"
+        return f"do not trust it; {remedy}; else take another engine or setting"
     if not subjects & {Subject.LOOPS, Subject.ENERGY, Subject.STIFFNESS, Subject.STEP}:
         return "do not trust it" if subjects & {Subject.START, Subject.RATES, Subject.REPETITION} else ""
     remedy = "ask for a tighter tolerance" if adaptive else f"take a step smaller than {step:g} s"

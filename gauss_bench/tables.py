@@ -364,9 +364,9 @@ def format_of(folder: Path) -> int:
     try:
         version = json.loads(path.read_text(encoding="utf-8"))["format"]
         if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-            raise ValueError(f"{version!r} is no format")
+            raise ValueError(f"{version!r} is not a format")
     except (ValueError, KeyError, TypeError) as error:
-        raise TableError(f"{path}: has no format of the tables beside it: {error}") from error
+        raise TableError(f"{path}: does not state the format of the tables beside it: {error}") from error
     refuse_later(version, path)
     return version
 
@@ -378,7 +378,7 @@ def refuse_later(version: int, path: Path) -> None:
         TableError: the format is later than FORMAT, the latest one that this version reads.
     """
     if version > FORMAT:
-        raise TableError(f"{path}: format {version} is later than this version of gauss-bench can read, which is {FORMAT}")
+        raise TableError(f"{path}: format {version} is later than {FORMAT}, the latest that this version reads")
 
 
 def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
@@ -406,7 +406,7 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     if strange or len(times) < len(timed):
         key = " ".join(filter(None, min(strange, default=key_of(table, timed[0]))))
         path = folder / TIMES / f"{name}.{table.suffix}"
-        raise TableError(f"{path}: a row of times has no row of its own in the table beside it: {key}")
+        raise TableError(f"{path}: a row of times has no matching row in the table beside it: {key}")
     return tuple(row | times.get(key_of(table, row), {}) for row in rows)
 
 

@@ -191,7 +191,7 @@ def test_a_motion_that_nobody_knows_for_long_is_measured_over_less(monkeypatch, 
         raise NoTruth("nobody knows")
 
     monkeypatch.setattr(Recommender, "search", known_never)
-    with pytest.raises(ExchangeError, match=r"no step can be judged over 0\.3125 s, give one: nobody knows"):
+    with pytest.raises(ExchangeError, match=r"no step can be judged over 0\.3125 s, choose it by --step: nobody knows"):
         gauss_bench.export("four_bar", "casadi", tmp_path / "other.py", scenario="torque", tuned=True)
     assert [x.name for x in tmp_path.iterdir()] == ["script.py"]
 

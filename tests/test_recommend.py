@@ -374,9 +374,9 @@ def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible():
     """Each answer that recommendations give where nothing holds; the words are those of every page."""
     late, crashed = Trial(0.1, {}, 0, Status.TIMEOUT, "no answer within 6 s"), Trial(0.05, {}, 20, Status.CRASHED, "SIGSEGV")
     refused = Trial(0.1, {}, 0, Status.SKIP, "no drivers")
-    no_turn = "not tried within the budget: it had no turn; a larger --budget helps"
-    no_end = "not tried within the budget: no run ended in the 6 s that it had; a larger --budget helps"
-    refusal = "not tried within the budget: the variants that had a turn refused (no drivers); a larger --budget helps"
+    no_turn = "not tried within the budget: no variant was tried; a larger --budget helps"
+    no_end = "not tried within the budget: no run ended within its 6 s; a larger --budget helps"
+    refusal = "not tried within the budget: the tried variants refused (no drivers); a larger --budget helps"
     answers = [
         (no_turn, engine_with()),
         *((no_end, engine_with(late, *others)) for others in ((), (crashed,), (refused,))),
@@ -548,7 +548,7 @@ def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_why
     ]
     assert (answers[0].step, answers[0].tolerance, answers[0].steps) == (SHORT.until / 120, None, 120)
     assert (answers[5].engine, answers[5].status) == ("far", "not reached")
-    assert "came to 2.0e-06 m with a, rk4, step 0.004 s" in answers[5].message
+    assert "nearest 2.0e-06 m with a, rk4, step 0.004 s" in answers[5].message
 
 
 def test_a_setting_is_said_with_each_word_once():

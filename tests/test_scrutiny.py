@@ -114,7 +114,7 @@ def humming(tmp_path):
 def test_a_step_that_meets_a_swinging_force_in_one_phase_is_not_ok(step, status, humming, capfd):
     found = simulate(humming, scenario="hum", step=step)
     assert found.status == status, found.message
-    warned = "does not resolve a force that swings with a period of 0.00025 s" in capfd.readouterr().err
+    warned = "does not resolve a force that oscillates with a period of 0.00025 s" in capfd.readouterr().err
     assert warned == (status == "invalid")
     if status == "ok":
         assert found.metrics["energy_error"] <= found.metrics["energy_error_bar"] + 1e-2 * found.metrics["energy_scale"]
@@ -374,7 +374,7 @@ def test_samples_are_copies_of_real_numbers_without_a_mask():
         assert judge.completeness(replace(good, q=q), t, 3).valid is valid
     for kind in (complex, object, bool, str):
         bad = replace(good, v=states.astype(kind))
-        assert "real numbers are wanted" in judge.completeness(bad, t, 3).sentence
+        assert "not real numbers" in judge.completeness(bad, t, 3).sentence
         assert judge.cut_at_fault(bad, t, 3) is None
     taken = judge.cut_at_fault(good, t, 3)
     states += 1.0  # the engine keeps a hold of its array

@@ -203,13 +203,13 @@ def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path, monkeypatc
     sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Backend(jobs=2), tell=told.append)
     assert "1 of 3 batches are stored already" in told
     assert table(folder) == whole
-    with pytest.raises(SweepError, match="seed was 0, is 1"):
+    with pytest.raises(SweepError, match="seed was 0, is now 1"):
         sweep("crank_slider", VARIED, folder, samples=24, seed=1, how=SHORT)
     with pytest.raises(SweepError, match="no folder"):
         sweep("crank_slider", VARIED, tmp_path / "no" / "s", samples=24, how=SHORT)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years of work")
-    with pytest.raises(SweepError, match="something else"):
+    with pytest.raises(SweepError, match="something other"):
         sweep("crank_slider", VARIED, tmp_path / "mine", samples=24, how=SHORT)
     assert table(folder) == whole
 

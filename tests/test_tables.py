@@ -60,9 +60,9 @@ DAMAGED = [  # file, content, and what is said of it
     ("agreement.csv", "", "is empty, without the names of its columns"),
     ("agreement.csv", f"{HEAD}\nfour_bar,a,b,1,2\n", "column 'acceleration' is missing"),
     ("agreement.csv", f"{HEAD},acceleration\nfour_bar,a,b,1,2,three\n", "row 1, column 'acceleration'"),
-    (tables.SCHEMA_FILE, json.dumps({"format": FORMAT + 1}), "is later than this version"),
-    (tables.SCHEMA_FILE, json.dumps({"format": "two"}), "'two' is no format"),
-    (tables.SCHEMA_FILE, json.dumps({"format": 0}), "0 is no format"),
+    (tables.SCHEMA_FILE, json.dumps({"format": FORMAT + 1}), "is later than"),
+    (tables.SCHEMA_FILE, json.dumps({"format": "two"}), "'two' is not a format"),
+    (tables.SCHEMA_FILE, json.dumps({"format": 0}), "0 is not a format"),
 ]
 
 
@@ -193,7 +193,7 @@ def test_times_of_a_missing_row_are_refused(tmp_path):
     accuracy, _ = tables.write_table("results", [CASE | {"step_time": 5e-5}], tmp_path)
     tables.write_schema(tmp_path)
     accuracy.write_text(accuracy.read_text().replace("four_bar", "six_bar"))
-    with pytest.raises(TableError, match=r"times/results.csv: a row of times has no row .* four_bar torque"):
+    with pytest.raises(TableError, match=r"times/results.csv: a row of times has no matching row .* four_bar torque"):
         tables.read_table("results", tmp_path)
 
 

@@ -531,7 +531,7 @@ class Recommender:
         if reason.kind is not Kind.NOT_REACHED or near is None:
             return Answer(engine.name, status, reason.words, **counts)
         untried = "" if counts["complete"] else "; some variants were not tried"
-        message = f"{reason.words}; came to {self._errors(near.trial)} with {describe_setting(near.way, engine)}{untried}"
+        message = f"{reason.words}; nearest {self._errors(near.trial)} with {describe_setting(near.way, engine)}{untried}"
         return Answer(engine.name, status, message, steps=near.trial.steps, errors=known_errors(near.trial), **counts)
 
 
@@ -584,13 +584,13 @@ def find_reason(engine: _Engine) -> Reach:
         # a refusal is judged like a single trial that was skipped
         return reach([[Trial(math.nan, {}, 0, status, reason)]], [HALF])
     if not trials:
-        return not_tried("it had no turn")
+        return not_tried("no variant was tried")
     if engine.left and not engine.has_run:
-        return not_tried(f"the variants that had a turn refused ({trials[0].message})")
+        return not_tried(f"the tried variants refused ({trials[0].message})")
     # a refusal or crash at one setting says nothing about the errors of runs that did not end in time
     statuses = {trial.status for trial in trials}
     if Status.TIMEOUT in statuses and Status.OK not in statuses:
-        return not_tried(f"no run ended in the {engine.longest_limit:.3g} s that it had")
+        return not_tried(f"no run ended within its {engine.longest_limit:.3g} s")
     return reach(engine.trials.values(), [HALF])
 
 

@@ -214,7 +214,7 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
     error = float(np.median(relative_acceleration_error(samples.a, true)))
     if not error <= AGREEMENT:  # also if it is NaN
         raise NoTruth(f"accelerations of {engine} differ from those of the linkage by {error:.1e} of their size")
-    how = f"step-halved ({2 * steps} steps of order eight by {engine}, and {steps})"
+    how = f"step-halved ({2 * steps} and {steps} steps of order eight by {engine})"
     reference = Reference.with_one_bar(replace(samples, a=true), how)
     bars = state_errors(run.mechanism, coarse, reference).largest
     force = float(joint_force_errors(judge, coarse, reference).max())

@@ -148,7 +148,7 @@ def diagnose(
     error, largest = question.compare(None if first is None else first.answer)  # [N, N m]; NaN if the engine reports no forces
     if not np.isnan(error):
         remarks.append(
-            f"its own joint forces are off by {error:.1e} (N, N m) at the same states, where the largest is {largest:.1e}"
+            f"the engine's joint forces are off by {error:.1e} (N, N m) at the same states; the largest is {largest:.1e}"
         )
     if required and first is not None and first.trajectory is not None:
         remarks += compare_errors(mechanism, first.trajectory, reference, required)

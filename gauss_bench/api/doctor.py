@@ -116,7 +116,7 @@ def _check_cache() -> Finding:
     """Report the folder and the size of the cache of compiled code."""
     path = user_cache.trusted_folder()
     if path is None:
-        why = f"{user_cache.folder()} is not a folder that this user alone may enter; linkages are compiled anew in each run"
+        why = f"{user_cache.folder()} is not a private folder of this user; linkages are compiled anew in each run"
         return Finding("cache", "none", "missing", why)
     sizes = [x.stat().st_size for x in path.glob("*.o")]
     return Finding("cache", f"{path}: {len(sizes)} compiled linkages, {sum(sizes) / 1e6:.1f} MB")

@@ -47,7 +47,7 @@ def driver_table(text: str) -> dict[str, Any]:
         if not equals:
             raise ChoiceError(f"driver {text!r}: {assignment!r} is not of the form key=value")
         if key in driver:
-            raise ChoiceError(f"driver {text!r}: {key} stands twice")
+            raise ChoiceError(f"driver {text!r}: {key} is given twice")
         driver[key] = _read_number(value.strip())
     if law == "table" and "file" in driver:
         driver["rows"] = _read_rows(Path(driver.pop("file")))
@@ -141,8 +141,8 @@ def _explain_undriven(mechanism: Mechanism) -> str:
         return UNDRIVEN
     names = ", ".join(x.name for x in mechanism.knife_edges)
     return (
-        f"the knife edge {names} restricts a direction of motion and no position: the motion follows from the start and the "
-        f"forces, and not from a law; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
+        f"the knife edge {names} constrains a velocity and no position: the motion depends on the forces, and cannot be "
+        f"prescribed by a law; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
     )
 
 
@@ -152,7 +152,7 @@ def _complete_driver(document: dict[str, Any], own: Mechanism, text: str) -> dic
     if not {"link", "joint", "between"} & driver.keys():
         if "crank" not in document:
             raise ChoiceError(
-                "--driver: the linkage has no crank; say what is driven: link=NAME, joint=NAME or between=POINT+POINT"
+                "--driver: the linkage has no crank; name what is driven: link=NAME, joint=NAME or between=POINT+POINT"
             )
         driver["link"] = document["crank"]
     if driver["law"] != "table" and not {"start", "start_deg"} & driver.keys():

@@ -73,12 +73,12 @@ class Tuning(Result):
     def sentences(self) -> tuple[str, ...]:
         """Sentences for the head of the exported file."""
         how = f"settings {self.settings}, {self.integrator}, step {self.step:g} s"
-        outcome = "both errors are at most half of that" if self.met else "NOT HELD by any step that was tried"
+        outcome = "both errors are at most half of these" if self.met else "NOT HELD by any step that was tried"
         return (
             f"Measured over {self.until:g} s with {how}:",
             f"joints open by {self.loops_open:.1e} (m, rad) at most, links off by {self.motion_error:.1e} (m, rad) at most.",
-            f"Errors are against a motion that is {self.truth}, and known to {self.known:.1e}.",
-            f"Aimed at: joints {self.loops_wanted:g}, links {self.motion_wanted:g}: {outcome}.",
+            f"Reference motion: {self.truth}; known to {self.known:.1e}.",
+            f"Limits: joints {self.loops_wanted:g}, links {self.motion_wanted:g}: {outcome}.",
         )
 
 
@@ -231,9 +231,9 @@ def _check_step(engine: str, kind: Kind, step: float | None, tuned: bool) -> Non
     if step is not None and not 0.0 < step < float("inf"):
         raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
     if step is not None and tuned:
-        raise ChoiceError("either a step, or tuned, which finds one")
+        raise ChoiceError("give either --step, or --tuned, which finds a step")
     if kind.tolerance is not None and (step is not None or tuned):
-        raise ChoiceError(f"{engine} chooses its steps: --position, --angle or --force find its tolerance")
+        raise ChoiceError(f"{engine} chooses its steps: --position, --angle or --force finds its tolerance")
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +306,7 @@ def read_requirements(engine: str, kind: Kind, has_step: bool, **limits: float |
             f"or `gauss-bench recommend --engine {engine} --out FOLDER`, which writes a program"
         )
     if has_step:
-        raise ChoiceError("either --step or --tuned, or --position, --angle and --force, which find a setting")
+        raise ChoiceError("give either --step or --tuned, or --position, --angle and --force, which find a setting")
     return list_requirements(**limits)
 
 
@@ -335,7 +335,7 @@ def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told:
     if answer.status != "ok":
         raise NotReached(f"no setting of {engine} is known to hold {limit} over {end:g} s: {answer.message}")
     reached = format_errors(answer.errors, wanted)
-    return answer.choose(end), (f"Found for at most {limit}: {setting_of(answer)} came to {reached} in the search.",)
+    return answer.choose(end), (f"Found for at most {limit}: {setting_of(answer)}, with {reached} in the search.",)
 
 
 def describe_miss(error: ProgramError, wanted: Mapping[str, float]) -> str:
@@ -408,14 +408,14 @@ def find_step(order: Order, budget: float, told: Told) -> Tuning:
                 truth = recommender.search()
                 (answer,) = recommender.answers({})
         except NoTruth as reason:
-            told(f"not known over {until:g} s: {reason}")
+            told(f"no reference over {until:g} s: {reason}")
             unknown, search_budget = reason, Budget(search_budget.remaining())
             if search_budget.seconds <= 0:
                 break
         else:
             if not (answer.steps and answer.errors):
-                raise ExchangeError(f"{named}: no step of {kind.engine} came to an end within {budget:g} s: {answer.message}")
+                raise ExchangeError(f"{named}: no run of {kind.engine} ended within {budget:g} s: {answer.message}")
             motion = max(answer.errors["position"], answer.errors["angle"])
             step, gap = until / answer.steps, answer.errors[LOOPS]
             return Tuning(kind.settings, kind.integrator, step, until, gap, motion, truth.description, truth.bar, OPEN, MOTION)
-    raise ExchangeError(f"{named}: no step can be judged over {until:g} s, give one: {unknown}") from unknown
+    raise ExchangeError(f"{named}: no step can be judged over {until:g} s, choose it by --step: {unknown}") from unknown

@@ -41,9 +41,9 @@ def writable(
     if not path.parent.is_dir() and not (path.parent == usual and usual.parent.is_dir()):
         raise FileRefused(f"{out}: there is no folder {path.parent}")
     if os.path.lexists(path) and not replace:  # lexists: a dangling symbolic link counts as a file
-        raise FileRefused(f"{out}: is there already, and may hold changes of yours; --replace writes over it")
+        raise FileRefused(f"{out}: is there already, and may hold your changes; --replace overwrites it")
     if path.exists() and not path.is_file():
-        raise FileRefused(f"{out}: is no ordinary file")
+        raise FileRefused(f"{out}: is not a regular file")
     if path.exists() and source and Path(source).exists() and path.samefile(source):
         raise FileRefused(f"{out}: is the input; {option} takes another file")
     if path.exists() and suffix and (path.suffix.lower() != suffix or not is_of_kind(path, suffix)):

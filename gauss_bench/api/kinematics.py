@@ -274,8 +274,8 @@ def _check_travel(mechanism: Mechanism, times: Array) -> None:
             travel = float(np.abs(np.diff(driver.law(times)[0])).sum())
         if not travel <= LONGEST_TRAVEL:  # NaN is refused too
             raise ChoiceError(
-                f"{mechanism.name}: driver {driver.name} goes {travel:.3g} (rad or m) in {mechanism.duration:g} s; "
-                f"{LONGEST_TRAVEL:g} are the most: take a slower law, or a shorter duration in scenario {mechanism.scenario}"
+                f"{mechanism.name}: driver {driver.name} travels {travel:.3g} (rad or m) in {mechanism.duration:g} s; "
+                f"at most {LONGEST_TRAVEL:g} are allowed: take a slower law, or a shorter duration in scenario {mechanism.scenario}"
             )
 
 

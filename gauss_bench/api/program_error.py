@@ -156,7 +156,7 @@ def measure_program(
         # the suite's run beside a program in C: by the program's engine, or by NUMPY if this engine cannot be used here
         engine = engine if offer(engine).usable else NUMPY
         check_affordable(choice.step, end, COMPILED_STEP, seconds / 4)
-    told(f"measuring: {engine}, {end:g} s")
+    told(f"measuring the program's error: {engine}, {end:g} s")
     setting = (choice.settings, choice.integrator, choice.stabilization, choice.step)
     run = simulate(linkage, engine, mechanism.scenario, *setting, row_times, limit=seconds / 4, tolerance=choice.tolerance)
     comparison, status, message, trajectory = Comparison("the run did not end"), run.status, run.message, None
@@ -166,7 +166,7 @@ def measure_program(
     except ProgramFailed as failure:
         status, message = Status.ERROR, str(failure)  # without a trajectory nothing is measured
     if trajectory is not None and status is Status.OK:
-        told("measuring: the reference")
+        told("computing the reference")
         comparison = find_error(Run(linkage, mechanism, end), trajectory, seconds / 2)
         if comparison.position is None or comparison.angle is None:
             message = refuse_other(mechanism, trajectory, run.trajectory)

@@ -246,19 +246,19 @@ def list_remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
     sentences = []
     if run.mechanism.drivers:
         names = ", ".join(d.name for d in run.mechanism.drivers)
-        free = "nothing is left to move freely" if run.mechanism.dof == len(run.mechanism.drivers) else "the rest moves freely"
-        sentences.append(f"the motion of {names} is prescribed, {free}: errors tell how well engines follow it")
+        free = "and no freedom is left" if run.mechanism.dof == len(run.mechanism.drivers) else "and the rest moves freely"
+        sentences.append(f"the motion of {names} is prescribed {free}: errors tell how well engines follow it")
     for x in answers:
         if x.loops:
             ratios = ", ".join(f"{loop} {ratio:.3g}" for loop, ratio in x.loops.items())
-            sentences.append(f"times of {x.engine} over that of the fastest engine, by the program that runs the steps: {ratios}")
+            sentences.append(f"run time of {x.engine} / that of the fastest engine, by the program that runs the steps: {ratios}")
         # SAFE, ELSEWHERE: engines with adapters of this suite; other adapters are plug-ins
         if x.in_python and x.engine not in OWN:
             code = "Python code of this suite" if x.engine in (*SAFE, *ELSEWHERE) else "Python code besides its library"
             sentences.append(f"the time of {x.engine} includes {code}: {x.in_python}")
     incomplete = ", ".join(dict.fromkeys(x.engine for x in answers if not x.complete))
     if incomplete:
-        sentences.append(f"time ended before all variants of {incomplete} were tried: a larger --budget may find better ones")
+        sentences.append(f"the budget ended before all variants of {incomplete} were tried: a larger --budget may find better ones")
     return sentences
 
 
@@ -300,7 +300,7 @@ def advise_without(answers: Sequence[Answer], wanted: Mapping[str, float]) -> st
         return (
             f"Whether {limit} can be held is unknown, because no run ended within the budget: see the reasons above, or {remedy}."
         )
-    return f"No engine runs this linkage: see the reasons above for {limit}."
+    return f"No engine runs this linkage, so none holds {limit}: see the reasons above."
 
 
 def setting_of(answer: Answer) -> str:

@@ -321,7 +321,7 @@ def _write_and_judge(judge: Judge, best: Tried, path: Path, draft: Path) -> tupl
     # the written file has all changes already; the timestep is passed again because `try_setting` derives the samples from it
     written = judge.try_setting({key: x for key, x in changes.items() if key == "timestep"}, draft)
     if written.share > ACCEPTED_SHARE:
-        raise ExchangeError(f"{path}: not written: the file itself is off by {describe_errors(written)}")
+        raise ExchangeError(f"{path}: not written: it misses the requirement: {describe_errors(written)}")
     arguments = (judge.run.mechanism, str(source), judge.file.settings["timestep"], str(draft), written.trial.size)
     cost = float(answer_in_worker(judge.worker, race_there, arguments, RACING, str(path))["ratio"])
     return Tried(changes, written.trial, written.share), cost

@@ -295,7 +295,7 @@ def describe(reach: Reach) -> str:
     if reach.passes_to is None:  # not even the easiest value passes
         return f"{reach.last}: {reach.reason}"
     if reach.passes_to == axis.values[-1]:
-        return f"passes all, to {reach.passes_to:g}{unit}"
+        return f"passes all values, to {reach.passes_to:g}{unit}"
     ends = f", degraded to {reach.ends_at:g}{unit}" if reach.ends_at != reach.passes_to else ""
     then = f"{reach.last}: " if reach.last in (Verdict.CANNOT, Verdict.OPEN) else ""
     return f"passes to {reach.passes_to:g}{unit}{ends}; then {then}{reach.reason}"

@@ -48,7 +48,7 @@ def race_releases(library: Library, releases: Sequence[Release], told: Callable[
     changes: Rows = []
     entrants = {x.version: x.name for x in releases} | {NULL: second_name(releases[-1])}  # version -> name of its engine
     for name, settings, integrator in library.raced:
-        told(f"{library.engine}: racing {settings} {integrator} on {name}, {PROCESSES} times")
+        told(f"{library.engine}: racing {settings} {integrator} on {name}, in {PROCESSES} processes")
         choice, setting = Choice(settings, integrator, "none", STEP), f"{settings} {integrator}"
         times, failed = race(name, choice, entrants)
         for work in (STEP_TIME, OVERHEAD):

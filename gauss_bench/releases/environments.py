@@ -151,7 +151,7 @@ def read_available(answer: str, package: str) -> list[str]:
         title, _, versions = line.partition(":")
         if title == "Available versions":
             return [x.strip() for x in versions.split(",")]
-    raise InstallationFault(f"the index of packages lists no releases of {package}")
+    raise InstallationFault(f"the package index lists no releases of {package}")
 
 
 @contextlib.contextmanager

@@ -58,7 +58,7 @@ def read_library(engine: str) -> Library:
         ReleaseFault: the engine has no list of releases.
     """
     if engine not in names():
-        raise ReleaseFault(f"no releases of {engine!r} can be compared; there are those of {', '.join(names())}")
+        raise ReleaseFault(f"releases of {engine!r} cannot be compared, only those of {', '.join(names())}")
     table = parse_toml(_file_of(engine).read_text(encoding="utf-8"))
     class_name = FOREIGN[engine]  # PACKAGE.MODULE:CLASS
     module, _, _ = class_name.partition(":")
@@ -105,5 +105,5 @@ def choose_releases(library: Library, first: str | None, last: str | None, only:
         listed = [x for x in library.releases if low <= version_numbers(x) <= high]
         chosen = sorted({earliest, latest, *listed}, key=version_numbers)
     if len(chosen) < 2:
-        raise ReleaseFault(f"two releases are needed to compare; listed are {', '.join(library.releases)}")
+        raise ReleaseFault(f"a comparison needs two releases; listed are {', '.join(library.releases)}")
     return chosen

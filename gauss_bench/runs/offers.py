@@ -253,12 +253,12 @@ def _read_offer(name: str, answer: object) -> Offer:
     try:
         offer = TypeAdapter(Offer).validate_python(answer)
     except ValidationError:
-        return _reject(name, TypeError("it does not describe itself"))
+        return _reject(name, TypeError("its description is not valid"))
     names = (*offer.settings, *offer.integrators, *offer.stabilizations, *offer.adaptive, *offer.library_calls)
     words = (offer.version, offer.reason, offer.environment, *names, *offer.packages, *offer.packages.values())
     unprintable = [word for word in words if not word.isprintable()]
     if unprintable:
-        return _reject(name, TypeError(f"it reports {ascii(unprintable[0])[:80]}, which is no plain text"))
+        return _reject(name, TypeError(f"it reports {ascii(unprintable[0])[:80]}, which is not printable"))
     if offer.usable and not (offer.settings and offer.integrators and offer.stabilizations):
         return _reject(name, TypeError("it does not describe itself"))
     return replace(offer, name=name)
@@ -277,9 +277,9 @@ def describe(name: str) -> Offer:
             raise TypeError(f"it has no method {', '.join(lacking)}")
         for word, value in (("integrators", engine.integrators), ("stabilizations", engine.stabilizations)):
             if isinstance(value, str):
-                raise TypeError(f"{word} is a text, not names")
+                raise TypeError(f"{word} is a string, not a list")
         if not isinstance(engine.settings, Mapping) or not all(isinstance(x, Mapping) for x in engine.settings.values()):
-            raise TypeError("settings is no table of options by name")
+            raise TypeError("settings is not a dict of dicts")
         knobs = {str(k): x for k, x in dict(ask(engine, "knobs")).items()}  # plug-ins may leave out all attributes of a knob
         # options that can be set alone are the knobs or, without knobs, the names in `options`
         values = {k: tuple(map(str, getattr(x, "values", ()))) for k, x in knobs.items()}
@@ -333,7 +333,7 @@ def _find_versions(packages: Sequence[str]) -> dict[str, str]:
         TypeError: `packages` is a single text.
     """
     if isinstance(packages, str):
-        raise TypeError("packages is a text, not names")
+        raise TypeError("packages is a string, not a list")
     if not packages:
         return {}
     from importlib.metadata import PackageNotFoundError, version  # slow to import, and most engines name no packages

@@ -144,7 +144,7 @@ def warn_of_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> str
     if steps is None or steps >= FEWEST:
         return ""
     period = mechanism.forcing_period
-    return f"a step of {choice.step:g} s does not resolve a force that swings with a period of {period:.3g} s"
+    return f"a step of {choice.step:g} s does not resolve a force that oscillates with a period of {period:.3g} s"
 
 
 def steps_a_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> float | None:

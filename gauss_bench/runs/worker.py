@@ -181,7 +181,7 @@ class Worker:
             raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:.3g} s{printed}") from error
         except NoAnswer as error:
             self.stop()
-            raise WorkerFailure(Status.CRASHED, f"the process sent data that are no answer: {in_a_sentence(error)}") from error
+            raise WorkerFailure(Status.CRASHED, f"the process sent no valid answer: {in_a_sentence(error)}") from error
         except (EOFError, OSError, ValueError) as error:
             if self.process is not process:  # another thread stopped it and closed its pipes
                 raise WorkerFailure(Status.CRASHED, "the process was stopped") from error
@@ -267,7 +267,7 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
             if received != token:
                 raise NoAnswer(f"{bytes(buffer[:40])!r}")
             if length > largest:
-                raise NoAnswer(f"an answer of {length} bytes where {largest} are the most that is expected")
+                raise NoAnswer(f"an answer of {length} bytes; at most {largest} are expected")
             needed, header_read = HEADER.size + length, True
     if len(buffer) > needed:
         raise NoAnswer(f"{len(buffer) - needed} bytes too many")

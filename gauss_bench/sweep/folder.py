@@ -113,7 +113,7 @@ def check(path: Path, stamp: Mapping[str, Any]) -> None:
         return
     if PLAN not in content:  # a sweep that was killed before it wrote its plan leaves an empty folder PARTS
         if content != {PARTS} or any((path / PARTS).iterdir()):
-            raise SweepError(f"--out {path}: holds something else than a sweep; take an empty or a new folder")
+            raise SweepError(f"--out {path}: holds something other than a sweep; take an empty or a new folder")
         return
     try:
         stored = json.loads((path / PLAN).read_text(encoding="utf-8"))
@@ -123,7 +123,7 @@ def check(path: Path, stamp: Mapping[str, Any]) -> None:
         raise SweepError(f"--out {path}: its {PLAN} cannot be read; take another folder")
     different = [key for key in dict.fromkeys([*stamp, *stored]) if stamp.get(key) != stored.get(key)]
     if different:
-        changes = "; ".join(f"{key} was {_shorten(stored.get(key))}, is {_shorten(stamp.get(key))}" for key in different)
+        changes = "; ".join(f"{key} was {_shorten(stored.get(key))}, is now {_shorten(stamp.get(key))}" for key in different)
         raise SweepError(f"--out {path}: holds another sweep ({changes}); take another folder, or the same arguments")
     refuse_foreign({path / PICTURE: SIGN})  # a picture that does not end in SIGN was drawn by another program
 

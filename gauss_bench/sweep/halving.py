@@ -68,11 +68,11 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
 def text(check: Halved | None) -> str:
     """Return the result of `halve` in a sentence for the user."""
     if check is None:
-        return "nothing was repeated: no sample is ok"
+        return "no sample was repeated, because none is ok"
     changes = f"{check['samples']} samples with {check['how']} change by at most {check['m']:.2g} m and {check['rad']:.2g} rad"
     if check["ok"]:
         return changes
-    lost = f", and {check['lost']} of them are lost" if check["lost"] else ""
+    lost = f", and {check['lost']} of them fail" if check["lost"] else ""
     where = "" if check["worst"] is None else f" (sample {check['worst']})"
     remedy = "take a smaller --step" if check["how"] == HALF else "take settings of a tighter tolerance"
     return f"NOT TO BE TRUSTED: {changes}{where}{lost}; {remedy}"

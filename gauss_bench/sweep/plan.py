@@ -153,7 +153,7 @@ def _random(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) -
     if samples is None:
         raise SweepError("--samples: must be given if values are random")
     if max(samples, size) > MOST:
-        raise SweepError(f"--vary: the grids have {size} points; {MOST} are the most")
+        raise SweepError(f"--vary: the grids have {size} points; at most {MOST} are allowed")
     random, columns = np.random.default_rng(seed), {}
     for x in dimensions:
         if x.kind != "grid":

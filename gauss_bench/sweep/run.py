@@ -135,7 +135,7 @@ def sweep(
     if where.jobs < 1:
         raise SweepError(f"--jobs {where.jobs}: must be at least 1")
     if where.scheduler and where.backend != "dask":
-        raise SweepError("--scheduler: is for --backend dask")
+        raise SweepError("--scheduler: needs --backend dask")
     if not engines or len(set(engines)) < len(engines):
         raise SweepError("--engine: name each engine once")
     samples_plan = plan(vary, samples, sampling, seed)
@@ -186,7 +186,7 @@ def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, job
     count = max(until / choice.step for _, choice in choices)
     if count > MOST_STEPS:
         option = f"--until {until:g}" if how.step is None else f"--step {how.step:g}"
-        raise SweepError(f"{option}: {count:.1e} steps a sample; {MOST_STEPS:.0e} are the most")
+        raise SweepError(f"{option}: {count:.1e} steps per sample; at most {MOST_STEPS:.0e} are allowed")
     for name, choice in choices:  # an engine that runs in a process of its own is not loaded here, but checked in its process
         reason = "" if is_isolated(name) else get(name).skip(mechanism, choice)
         if reason:
