@@ -114,6 +114,7 @@ def measure(case: Case, store: str, alter: Alteration = leave_unaltered, limit: 
         return fail(Status.ERROR, f"the run cannot be judged: {error}")
     verdict = judge(evidence)
     status = Status.OK if verdict.valid else Status.INVALID
+    # `flag` has the judge's sentence alone; `message` also has the reasons of cases that were not judged
     row |= {"status": str(status), "message": verdict.sentence, "valid": verdict.valid, "flag": verdict.sentence}
     row["note"] = "; ".join(filter(None, (run.message, why_no_reference, why_no_repetition, undecided, remark(evidence))))
     row |= {"steps": run.trajectory.steps, "evaluations": run.trajectory.evaluations}

@@ -87,6 +87,7 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
         _check_exists(turns, "pin joint", name)
         held += turns
     for name in locks.links:
+        # links that are welded together are one body of the mechanism; `whole` has every link of the file
         _check_exists([x for x in mechanism.whole.links if x.name == name], "link", name)
         body, _ = mechanism.find_body(name)
         held.append(Angle(GROUND, body))

@@ -16,8 +16,8 @@ The positions of the two links of a dyad follow from elementary geometry, with o
 two linear equations whose determinant is proportional to the same root, so the root also measures how far the dyad is from its dead
 centre.
 
-The angle of a link that a torsion spring needs, with whole turns counted, is integrated together with q, from its rate omega q',
-unless it is q itself, or slides fix it relative to q or to the ground.
+A torsion spring needs the angle of a link with whole turns counted, which positions do not give: the angle is integrated together
+with q, at the rate omega q', unless it is q itself, or slides keep it constant or at a constant difference from q.
 """
 
 from collections.abc import Mapping, Sequence
