@@ -239,7 +239,7 @@ def judge(evidence: Evidence) -> Judgement:
 
 def _check_model(x: Evidence) -> Iterator[Objection]:
     """Yield the possible objections to accelerations, loops, energy and steps; `judge` keeps those with value > limit."""
-    between_two = "formulations of the same accelerations differ by {:.2g} (median): masses or lengths differ too much"
+    between_two = "formulations of the same accelerations differ by {:.2g} (median): masses or lengths have too different sizes"
     of_engine = "accelerations off by {:.2g} at the same state (median)"
     for off, sentence in ((x.acceleration_error, of_engine), (x.disagreement, between_two)):
         if off is not None:

@@ -286,7 +286,7 @@ def key_of(table: Table, row: Row) -> tuple[str, ...]:
 
 
 def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], path: Path) -> None:
-    """Write typed rows as Parquet, with the format in its metadata. Numbers keep all digits, points of curves CURVE_BITS bits."""
+    """Write typed rows as Parquet, the format's number as metadata; points of curves are rounded to CURVE_BITS significant bits."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

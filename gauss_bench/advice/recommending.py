@@ -479,7 +479,8 @@ class Recommender:
     def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...], least: float = 1.0) -> Any:
         """Call function(*arguments) in the worker process of an engine, and return the result.
 
-        The call must end at LAST times the budget, but has at least `least` seconds.
+        The call must end at LAST times the budget, but has at least `least` seconds of processor time, and WAITS times as much wall
+        time, because other programs may have the processor.
 
         Raises:
             WorkerFailure: the call failed or took too long.

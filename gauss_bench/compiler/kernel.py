@@ -332,7 +332,8 @@ class Kernel:
             return end
         # a guard stopped the first program: the driver continues with other programs from the state that was reached
         batch = Batch(np.concatenate([q, v], dtype=float)[None], p[None], float(t0), float(dt), int(n), max(1, n))
-        stopped = Outcome(end.state[None], np.full((1, 1, 2 * self._n), np.nan), np.array([end.done]), np.zeros(1, bool))
+        no_sample = np.full((1, 1, 2 * self._n), np.nan)
+        stopped = Outcome(states=end.state[None], samples=no_sample, done=np.array([end.done]), complete=np.zeros(1, bool))
         return np.asarray(self._driver.resume(batch, stopped, integrator).samples[0, -1])
 
     def _numbers(self, parameters: Array | None, count: int, t: float | Array) -> Array:

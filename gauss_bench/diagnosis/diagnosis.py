@@ -608,7 +608,8 @@ class Case:
         last, finest, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:
             return None
-        euler = [] if self._loses_order() else [last.euler]  # the error of a correct first-order step
+        # accelerations implied by a correct step of explicit Euler have this error; a motion that has lost its order has others
+        euler = [] if self._loses_order() else [last.euler]
         # error of accelerations (k, n), its relative size, and the known errors that are fitted too
         for error, relative, known in ((last.reported, last.relative_reported, []), (last.implied, last.relative_implied, euler)):
             if not relative > SEEN:

@@ -133,11 +133,12 @@ def along_slide(f: PointForce, b: Branch, turns: Turning) -> float | None:
 
 
 def is_reaction(g: PointForce, f: PointForce, b: Branch, mechanism: Mechanism, turns: Turning) -> bool:
-    """Tell whether g is the reaction to a force f on the block of a slide b: an opposite force on the guide, on the same line."""
+    """Tell whether g is the reaction to f, a force along slide b on its block: an opposite force on the guide, on the same line."""
     if g.point.link != b.parent or not turns.together(g.frame, b.parent):
         return False
     # (2,) both forces in the guide's frame
     on_block, on_guide = (rotate(x.value, turns.constants[x.frame] - turns.constants[b.parent]) for x in (f, g))
+    # distance [m] of the two lines of action across the slide, at any state the same
     offset = value(Along(g.point, f.point, float(np.arctan2(b.axis[1], b.axis[0])), across=True), mechanism.q0)
     return bool(np.abs(on_block + on_guide).max() <= PARALLEL * np.abs(f.value).max() and abs(offset) <= ALIGNED)
 

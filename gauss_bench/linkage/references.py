@@ -79,7 +79,7 @@ class Names:
         self.document = document
         self.faults: list[Fault] = []
         self.links, self.joints, self.forces = (table(document, key) for key in ("links", "joints", "forces"))
-        # in the form of points that are given relative to each other, so that `follow` finds their chains
+        # welds in the form of points given relative to each other ({"from": ...}), so that `follow` finds chains of welds
         welds: dict[Any, Any] = {weld.get("link"): {"from": weld.get("to")} for _, weld in items(document, "welds")}
         self.bodies = {name: follow(welds, name)[0][-1] for name in self.links}
         self.points = {name: set(table(link, "points")) for name, link in self.links.items()}

@@ -89,6 +89,7 @@ class Jobs:
 
     def stop(self, job: int) -> None:
         """Kill a job and all processes that it has started; do nothing if the job has ended."""
+        # PermissionError: on macOS, for a process group that has ended
         with contextlib.suppress(KeyError, ProcessLookupError, PermissionError):
             os.killpg(self.running[job].pid, signal.SIGKILL)
 

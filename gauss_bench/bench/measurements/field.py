@@ -102,7 +102,8 @@ def repeats(one: Trajectory, other: Trajectory) -> tuple[bool, float]:
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return the tasks that time the start-up of every usable engine, on the first linkage of each section of the suite.
 
-    The repetitions of an engine are not consecutive.
+    The repetitions of an engine are not consecutive, so that a slow time of the machine does not affect all. The bench calls all
+    functions of this name alike; `tables` is not needed here.
     """
     tasks = []
     for part in suite.field:

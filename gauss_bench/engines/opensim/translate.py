@@ -117,7 +117,7 @@ class Built:
         return measure_gaps(self.pins, place)
 
     def _make_vector(self, x: Any) -> Any:
-        """Return a vector (2,) of the plane as OpenSim's vector of space."""
+        """Return a planar vector (2,) as OpenSim's `Vec3`."""
         return self.opensim.Vec3(*spatial(x))
 
     def _locate(self, point: Point) -> tuple[Any, Any]:

@@ -71,7 +71,7 @@ def place_names(lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool 
     The last row of a line also has `end`, and `label_y`, the value on the vertical axis at which the line's name is written.
 
     Args:
-        lines: for each line its rows, with x and y. The names of the first MOST_LINES lines are kept apart.
+        lines: for each line its rows, with x and y. Names of the first MOST_LINES lines are spaced so that none overlap.
     """
 
     def height(y: float) -> float:
