@@ -6,11 +6,13 @@ is welded on, forces, and laws for the freedoms. Pieces name each other by numbe
 shorter list is a linkage too; a part that finds no place swings instead, a force that finds none is left out.
 """
 
+import os
 from collections import namedtuple
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 
 from gauss_bench.api.telling import plain
@@ -18,6 +20,7 @@ from gauss_bench.linkage.schema import FORMAT, SECOND
 from gauss_bench.mechanism.numbers import turn_vector
 from gauss_bench.terms import Array
 
+ASKED = int(os.environ.get("PROPERTIES", "0"))  # examples of each property; 0 asks for the few of the tests
 MOST = 9  # bodies
 FEWEST, MANY = 2, 8  # links of a random linkage
 APART = 0.05  # [m] between points that span a line
@@ -392,3 +395,18 @@ UNDRIVEN: st.SearchStrategy[list[Law | None]] = st.just([])
 def every_freedom() -> st.SearchStrategy[list[Law | None]]:
     """Laws for more freedoms than there are bodies."""
     return st.lists(law(), min_size=MOST, max_size=MOST)
+
+
+def examples(few, share=1.0):
+    """Return settings for `few` examples, always the same ones, or for a share of the number in PROPERTIES."""
+    slow = [HealthCheck.too_slow, HealthCheck.filter_too_much, HealthCheck.data_too_large]
+    phases = set(Phase) - {Phase.reuse, Phase.explain}
+    return settings(
+        max_examples=max(few, round(ASKED * share)) if ASKED else few,
+        derandomize=not ASKED,
+        deadline=None,
+        database=None,
+        print_blob=True,
+        suppress_health_check=slow,
+        phases=phases,
+    )

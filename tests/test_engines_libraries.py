@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import given
 
 from gauss_bench.engines import FOREIGN, get
 from gauss_bench.engines.base import Choice
@@ -13,7 +13,7 @@ from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.reference.build import random_states
 from tests.conftest import DATA, exhaustive, needs
-from tests.drawn_linkages import linkages
+from tests.drawn_linkages import examples, linkages
 from tests.engine_runs import DRIVEN, LINKAGES, QUICK, acceleration_errors, by_gauss, linkage, ran
 
 # settings, the most exact of each
@@ -64,8 +64,7 @@ def test_what_is_driven_follows_its_law(kind, scenario, name):
 
 @ENGINES
 @given(document=linkages())
-@settings(max_examples=40, derandomize=True, database=None, deadline=None, phases=[Phase.generate],
-          suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])  # fmt: skip
+@examples(40)
 def test_a_drawn_linkage_is_refused_or_its_model_is_that_of_the_linkage(document, name):
     """An engine compares its model with the linkage where it builds it, and raises RunFailure if they differ."""
     mechanism, engine, choice = load_document(document), get(name), Choice(BEST[name], EQUAL[name])

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 
 from gauss_bench.kinematics import basic_coordinates, root_finding
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
@@ -26,7 +26,7 @@ from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import AngleDriver, LengthDriver
 from gauss_bench.mechanism.motion_laws import MotionLaw, constant, rise
 from tests.conftest import DATA, driven, everything, redundant
-from tests.drawn_linkages import PARTS, every_freedom, linkages
+from tests.drawn_linkages import PARTS, every_freedom, examples, linkages
 from tests.engine_runs import document
 from tests.four_bars import four_bar
 
@@ -107,7 +107,7 @@ def test_driven_points_agree_with_closed_forms_in_forty_digits(name, solve):
 
 
 @given(linkages(parts=[x for x in PARTS if x != "sled"], laws=every_freedom()))
-@settings(max_examples=12, derandomize=True, database=None, deadline=None)
+@examples(12)
 def test_any_linkage_moves_by_points_as_by_loops(drawn):
     """Links with one point, slots at any angle and offset, cylinders, active bars, and pins through several links."""
     mechanism, times = load_document(drawn), np.linspace(0.0, 0.2, 5)

@@ -13,7 +13,6 @@ Ways that start from the state instead of from the same terms may also take the 
 which is what closing loops in other coordinates leaves; how much the accelerations change then is tried out: `Problem.moved`.
 """
 
-import os
 import tempfile
 import tomllib
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, assume, event, given, settings
+from hypothesis import assume, event, given
 from hypothesis import strategies as st
 
 from gauss_bench import metrics
@@ -43,10 +42,9 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
-from tests.drawn_linkages import FORCES, PARTS, UNDRIVEN, every_freedom, linkages
+from tests.drawn_linkages import FORCES, PARTS, UNDRIVEN, every_freedom, examples, linkages
 
 EPS = float(np.finfo(float).eps)
-ASKED = int(os.environ.get("PROPERTIES", "0"))  # examples of each property; 0 asks for the few of the tests
 SINGULAR = 1e-9  # of the largest singular value: rows below it are redundant, as where a linkage is assembled
 ROOM = 32  # where two ways differ by rounding alone; 5 is the most that any way needed for 320 linkages
 WORST = 1e6  # cond(K), beyond which a position counts as singular and nothing is claimed
@@ -55,21 +53,6 @@ INDEPENDENT = ("lagrange", "schur")  # take independent rows alone
 SQUARED = ("schur",)  # solves K K^T, whose condition is the square
 STEP = Choice(integrator="rk4")
 EXACT = 1e-12
-
-
-def examples(few, share=1.0):
-    """Return settings for `few` examples, always the same ones, or for a share of the number in PROPERTIES."""
-    slow = [HealthCheck.too_slow, HealthCheck.filter_too_much, HealthCheck.data_too_large]
-    phases = set(Phase) - {Phase.reuse, Phase.explain}
-    return settings(
-        max_examples=max(few, round(ASKED * share)) if ASKED else few,
-        derandomize=not ASKED,
-        deadline=None,
-        database=None,
-        print_blob=True,
-        suppress_health_check=slow,
-        phases=phases,
-    )
 
 
 @dataclass(frozen=True)
